@@ -27,7 +27,7 @@ import pytest
 
 import geovp_classic as geovp
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import Failure
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.running import multiple_datasets
@@ -288,7 +288,7 @@ def check_geovp(
     """Parse a geovp command, and run it if it is quick and its data is available."""
     for word in args:
         if word.startswith("benchmarks/geovp_benchmarks/configs/"):
-            matrix.read(ROOT / word)
+            schema.read(ROOT / word)
     if args == ["--version"]:
         with pytest.raises(SystemExit, match="0"):
             cli.main(args)

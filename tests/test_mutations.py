@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Part, Results, Rows
 from geovp_classic import files
 from geovp_classic.data import (
@@ -269,7 +269,7 @@ READERS: dict[str, Reader] = {
     "split": Reader(
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),
-    "matrix": Reader(text("m.toml", MATRIX), lambda path: matrix.read(path).to_json()),
+    "matrix": Reader(text("m.toml", MATRIX), lambda path: schema.read(path).to_json()),
     "png": Reader(image("a.png"), frames.read_image, has_checksum=True),
     "depth": Reader(
         image("d.png", NOISE[..., 0]),

@@ -11,7 +11,7 @@ from typing import Any
 
 import cv2
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.results.store import Cell, Part, Results, Rows
 from geovp_benchmarks.running.executors import Executor, Serial
@@ -63,7 +63,7 @@ def go(
     root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any
 ) -> dict[str, Cell]:
     """Run a matrix; its cells by name."""
-    parsed = matrix.parse("m", tables)
+    parsed = schema.parse("m", tables)
     return {
         cell.name: cell
         for cell in run(

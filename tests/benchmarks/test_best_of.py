@@ -8,7 +8,7 @@ import pytest
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.statistics import Cube
 from geovp_benchmarks.audit.contracts import street
-from geovp_benchmarks.matrix import matrix as matrices
+from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.executors import Serial

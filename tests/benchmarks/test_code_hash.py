@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks.matrix import components
-from geovp_benchmarks.matrix import matrix as matrices
+from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.results.store import Cell, Results
 from geovp_benchmarks.running import built_matrix

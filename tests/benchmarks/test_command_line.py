@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.matrix import matrix_files
+from geovp_benchmarks.matrix import files
 from geovp_benchmarks.results.store import Results
 
 from .conftest import Command, Says
@@ -67,7 +67,7 @@ class TestSettings:
 
 class TestNames:
     def test_a_name_of_two_parts_and_a_component_that_is_only_named(self) -> None:
-        from geovp_benchmarks.matrix import matrix as matrices
+        from geovp_benchmarks.matrix import schema as matrices
 
         read = matrices.read(
             Path("demo"),
@@ -85,7 +85,7 @@ class TestNames:
         self, tmp_path: Path, refused: Says
     ) -> None:
         path = tmp_path / os.fsdecode(b"t\xff.toml")
-        path.write_bytes(matrix_files.locate(Path("demo")).read_bytes())
+        path.write_bytes(files.locate(Path("demo")).read_bytes())
         assert "is not text in UTF-8 on one line: rename it" in refused(
             "run", str(path), "--out", tmp_path / "out"
         )

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import CONFIGS, schema
 from geovp_classic.errors import GeovpError
 
 PROTOCOL = {
@@ -15,7 +15,6 @@ PROTOCOL = {
     "size_px": [32, 32],
     "stride": 5,
 }
-CONFIGS = Path(matrix.__file__).parents[1] / "configs"
 
 
 def content(**tables: Any) -> dict[str, Any]:
@@ -25,30 +24,30 @@ def content(**tables: Any) -> dict[str, Any]:
 def test_every_pose_source_meets_every_renderer_in_the_order_of_the_file() -> None:
     sources = {"b": {"name": "ground-truth"}, "a": "stand-still"}
     renderers = {"r": {"name": "ground-far-plane"}, "q": {"name": "given-depth"}}
-    cells = matrix.parse("m", content(pose_sources=sources, renderers=renderers)).cells
-    assert [cell.name for cell in cells] == ["b--r", "b--q", "a--r", "a--q", "copy"]
-    assert [cell.label for cell in cells][:1] == ["b + r"]
-    assert [cell.kind for cell in cells] == ["geometric"] * 4 + ["predictor"]
+    methods = schema.parse("m", content(pose_sources=sources, renderers=renderers)).methods
+    assert [method.name for method in methods] == ["b--r", "b--q", "a--r", "a--q", "copy"]
+    assert methods[0].label == "b + r"
+    assert [method.kind for method in methods] == ["geometric"] * 4 + ["predictor"]
 
 
 def test_samples_are_the_protocols_unless_an_entry_says_otherwise() -> None:
     protocol = {**PROTOCOL, "num_samples": 5}
     predictors = {"few": {"name": "copy-last"}, "many": {"name": "copy-last", "num_samples": 100}}
-    parsed = matrix.parse("m", content(protocol=protocol, predictors=predictors))
-    assert [cell.num_samples for cell in parsed.cells] == [5, 100]
+    parsed = schema.parse("m", content(protocol=protocol, predictors=predictors))
+    assert [method.num_samples for method in parsed.methods] == [5, 100]
     assert parsed.predictors["many"].spec == {"name": "copy-last"}
 
 
 def test_metrics_are_a_list_or_a_table_of_columns() -> None:
-    assert list(matrix.parse("m", content()).frame_metrics) == ["psnr", "ssim", "lpips"]
-    parsed = matrix.parse(
+    assert list(schema.parse("m", content()).frame_metrics) == ["psnr", "ssim", "lpips"]
+    parsed = schema.parse(
         "m", content(metrics={"frame": ["psnr", {"name": "lpips", "net": "squeeze"}]})
     )
     assert parsed.frame_metrics == {
         "psnr": {"name": "psnr"},
         "lpips": {"name": "lpips", "net": "squeeze"},
     }
-    parsed = matrix.parse(
+    parsed = schema.parse(
         "m", content(metrics={"frame": {"small": {"name": "lpips", "net": "squeeze"}}})
     )
     assert parsed.frame_metrics == {"small": {"name": "lpips", "net": "squeeze"}}
@@ -56,25 +55,31 @@ def test_metrics_are_a_list_or_a_table_of_columns() -> None:
 
 def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     protocol = {**PROTOCOL, "dataset": {"name": "kitti", "root": "$STREETS/odometry"}}
-    parsed = matrix.parse("m", content(protocol=protocol))
+    parsed = schema.parse("m", content(protocol=protocol))
     assert parsed.with_root(Path("/data")).dataset["root"] == "/data"
     monkeypatch.setenv("STREETS", "/streets")
     assert parsed.with_root(None).dataset["root"] == "/streets/odometry"
     monkeypatch.delenv("STREETS")
-    with pytest.raises(GeovpError, match=r"STREETS is not set: set it, or give --root FOLDER"):
+    with pytest.raises(GeovpError, match=r"\$STREETS.* is not set: set it, or give --root FOLDER"):
         parsed.with_root(None)
 
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        (content(predictor={}), "unknown table 'predictor': did you mean 'predictors'"),
+        (
+            content(predictor={}),
+            "the matrix file has an unknown key 'predictor': did you mean 'predictors'",
+        ),
         (
             content(protocol={**PROTOCOL, "num_pats": 3}),
             "unknown key 'num_pats': did you mean 'num_past'",
         ),
-        (content(protocol={**PROTOCOL, "stride": True}), "stride is True"),
-        (content(protocol={}), "protocol.dataset is None, expected a table"),
+        (
+            content(protocol={**PROTOCOL, "stride": True}),
+            "protocol.stride is True, expected a whole number of 1 or more",
+        ),
+        (content(protocol={}), "protocol.dataset is missing"),
         (
             content(protocol={**PROTOCOL, "dataset": {"name": "kitti", "stride": 2}}),
             "which the harness sets",
@@ -83,20 +88,23 @@ def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.Mon
         (content(metrics={"frame": ["coverage"]}), "cannot be called 'coverage'"),
         (
             content(metrics={"frame": ["psnr"], "trajectory": ["psnr"]}),
-            "frame metric and a trajectory metric",
+            "cannot be called 'psnr'",
         ),
-        (content(predictors={}), "no method"),
-        (content(predictors={"a/b": "copy-last"}), "becomes a folder's"),
+        (content(predictors={}), "no complete method"),
+        (content(predictors={"a/b": "copy-last"}), r"predictors\.a/b is .* a folder's name"),
         (content(predictors={"a": 3}), "predictors.a is 3, expected a table"),
-        (content(predictors={"a": {"name": "copy-last", "num_samples": 0}}), "num_samples is 0"),
+        (
+            content(predictors={"many": {"name": "copy-last", "num_samples": 0}}),
+            "many.num_samples is 0, expected a whole number",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(wrong: dict[str, Any], says: str) -> None:
     with pytest.raises(GeovpError, match=says) as caught:
-        matrix.parse("m", wrong)
+        schema.parse("m", wrong)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_our_own_files_can_be_read(path: Path) -> None:
-    assert matrix.read(path).cells
+    assert schema.read(path).methods

@@ -129,9 +129,13 @@ def test_labels_are_names_or_given() -> None:
         (
             {"datasets": [{"name": "synthetic"}] * 2},
             None,
-            "protocol.datasets has 'synthetic' twice: give a table",
+            "expected 'synthetic' once: give a table",
         ),
-        ({"datasets": {"a/b": {"name": "synthetic"}}}, None, "'a/b' cannot be a folder's name"),
+        (
+            {"datasets": {"a/b": {"name": "synthetic"}}},
+            None,
+            "datasets.a/b is 'a/b', expected .* a folder's name",
+        ),
         ({"datasets": ["synthetic"]}, Path("/data"), "--root replaces the root of one data set"),
         (
             {"datasets": {"a": {"name": "tum", "root": "/no"}}},

@@ -5,7 +5,6 @@ by name.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scipy.ndimage import uniform_filter
 from scipy.signal import convolve2d
 
 from geovp_benchmarks.audit import reproduction
-from geovp_benchmarks.matrix import matrix, protocols
+from geovp_benchmarks.matrix import protocols, schema
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import ByteArray
@@ -132,7 +131,7 @@ FOLLOWS = {"protocol": {"name": "fvs20", "root": "raw"}, "predictors": {"copy-la
 
 
 def test_a_matrix_follows_a_protocol_by_name() -> None:
-    parsed = matrix.parse("m", FOLLOWS)
+    parsed = schema.parse("m", FOLLOWS)
     assert (parsed.num_past, parsed.num_future, parsed.size_px, parsed.stride) == (
         4,
         5,
@@ -142,13 +141,13 @@ def test_a_matrix_follows_a_protocol_by_name() -> None:
     assert parsed.dataset["root"] == "raw"
     assert parsed.dataset["name"] == "kitti-raw"
     assert list(parsed.frame_metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
-    assert matrix.Matrix.from_json(parsed.to_json()) == parsed
+    assert schema.Matrix.from_json(parsed.to_json()) == parsed
 
 
 def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
     own = {"name": "kitti", "sequences": ["06"], "fit": "stretch"}
     protocol = {"name": "fvs20", "root": "odometry", "stride": 14, "dataset": own}
-    parsed = matrix.parse("m", {**FOLLOWS, "protocol": protocol, "metrics": {"frame": ["psnr"]}})
+    parsed = schema.parse("m", {**FOLLOWS, "protocol": protocol, "metrics": {"frame": ["psnr"]}})
     assert parsed.dataset == {**own, "root": "odometry"}
     assert (parsed.num_past, parsed.stride) == (4, 14)
     assert list(parsed.frame_metrics) == ["psnr"]
@@ -171,13 +170,13 @@ def test_a_protocol_that_cannot_be_followed_is_told(
     protocol: dict[str, object], kind: type[Exception], message: str
 ) -> None:
     with pytest.raises(kind, match=message):
-        matrix.parse("m", {**FOLLOWS, "protocol": protocol})
+        schema.parse("m", {**FOLLOWS, "protocol": protocol})
 
 
 @pytest.mark.parametrize("name", list(protocols.ALL))
 def test_every_protocol_gives_a_matrix_whose_metrics_can_be_built(name: str) -> None:
-    tables = protocols.matrix_protocol(name, Path("somewhere"), {"name": "synthetic"})
-    parsed = matrix.parse(name, {**tables, "predictors": {"copy-last": "copy-last"}})
+    protocol = {"name": name, "root": "somewhere", "dataset": "synthetic"}
+    parsed = schema.parse(name, {**FOLLOWS, "protocol": protocol})
     assert parsed.num_future == protocols.ALL[name].num_future
     for spec in parsed.frame_metrics.values():
         if spec["name"] != "lpips":  # needs torch

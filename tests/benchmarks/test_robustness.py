@@ -74,8 +74,8 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
     ("old", "new", "says"),
     [
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
-        ("copy-last = {", f"{'x' * 300} = {{", "has a name of 300 bytes: 200 at most"),
-        ("[32, 32]", "[30000, 30000]", "at most 8192 pixels on a side"),
+        ("copy-last = {", f"{'x' * 300} = {{", "expected at most 96 letters, digits and"),
+        ("[32, 32]", "[30000, 30000]", "5 frames of 30000x30000 pixels: lower"),
         ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
         (
             "intrinsics = [40",

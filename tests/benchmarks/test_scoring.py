@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Rows
 from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.running.metric_set import MetricSet
@@ -124,7 +124,7 @@ def content(**metrics: Any) -> dict[str, Any]:
 
 def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
     frame = {"psnr": {"name": "psnr", "ceiling_db": 60.0}, "ssim": {"name": "ssim"}}
-    parsed = matrix.parse("m", content(frame=frame, stabilised=["psnr"]))
+    parsed = schema.parse("m", content(frame=frame, stabilised=["psnr"]))
     assert list(parsed.frame_metrics) == ["psnr", "ssim", "psnr-stabilised"]
     built = MetricSet.build(parsed.frame_metrics, {}).built["psnr-stabilised"]
     assert built == Stabilised(Psnr(ceiling_db=60.0))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Part, Results
 from geovp_benchmarks.tables import thesis
 from tests.benchmarks.made import scores, write_protocol, write_row
@@ -201,8 +201,8 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])
 def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) -> None:
-    own = matrix.read(Path(thesis.__file__).parents[1] / "configs" / f"{name}.toml")
-    samples = {(entry.spec["name"], entry.num_samples) for entry in own.predictors.values()}
+    own = schema.read(Path(thesis.__file__).parents[1] / "configs" / f"{name}.toml")
+    samples = {(own.predictors[str(plan.predictor)].name, plan.num_samples) for plan in own.methods}
     assert {(name, count) for name in ("svg", "srvp", "slamp") for count in (1, 100)} <= samples
     sources = [
         entry.spec["pose_source"]["name"]

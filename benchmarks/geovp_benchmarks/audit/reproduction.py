@@ -2,17 +2,15 @@
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.cli.arguments import CONFIGS
-from geovp_benchmarks.matrix import matrix as matrices
-from geovp_benchmarks.matrix import protocols
-from geovp_benchmarks.matrix.matrix import Matrix
+from geovp_benchmarks.matrix import CONFIGS, protocols
+from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.protocols import Protocol
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results import provenance
 from geovp_benchmarks.results.store import Cell, Results
 from geovp_benchmarks.results.stored_facts import legend, marks, summary, title
@@ -54,12 +52,14 @@ def chosen_rows(
     }
     if samples is not None:
         predictors = {
-            name: replace(entry, num_samples=min(samples, entry.num_samples))
+            name: entry.model_copy(
+                update={"num_samples": min(samples, entry.num_samples or matrix.num_samples)}
+            )
             for name, entry in predictors.items()
         }
-    matrix = replace(matrix, predictors=predictors)
-    matrix = replace(matrix, pose_sources={}, renderers={}) if rows else matrix
-    return replace(matrix, dataset={**matrix.dataset, "split": split}) if split else matrix
+    matrix = matrix.replace(predictors=predictors)
+    matrix = matrix.replace(pose_sources={}, renderers={}) if rows else matrix
+    return matrix.replace(dataset={**matrix.dataset, "split": split}) if split else matrix
 
 
 def markdown(name: str, results: Results) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from geovp_benchmarks.matrix.components import Failure
-from geovp_benchmarks.matrix.matrix import Entry, Matrix
+from geovp_benchmarks.matrix.schema import Entry, Matrix
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.store import Cell, Part, Results, Rows
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, Task, build_matrix, compute
@@ -145,7 +145,7 @@ def verify(stored: Stored, root: Path | None = None) -> Verdict:
     announce(f"{stored.clip}, {stored.cell.label}")
     try:
         built = build_matrix(_matrix(stored.results, root, stored).to_json())
-        (plan,) = built.matrix.cells
+        (plan,) = built.matrix.methods
         lost = [
             each.reason for each in built.components_of(plan).values() if isinstance(each, Failure)
         ]
@@ -184,11 +184,11 @@ def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -
         num_future=protocol["num_future"],
         size_px=tuple(protocol["size_px"]),
         stride=protocol["stride"],
-        pose_sources={str(cell.pose_source): Entry(spec["pose_source"], count)}
+        pose_sources={str(cell.pose_source): Entry(**spec["pose_source"], num_samples=count)}
         if cell and cell.pose_source
         else {},
         renderers={str(cell.renderer): spec["renderer"]} if cell and cell.renderer else {},
-        predictors={cell.name: Entry(spec["predictor"], count)}
+        predictors={cell.name: Entry(**spec["predictor"], num_samples=count)}
         if cell and "predictor" in spec
         else {},
         frame_metrics={name: spec for name, spec in metrics.items() if roles[name] == "frame"},
@@ -211,7 +211,7 @@ def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> 
             root=folder,
             chunk=0,
             clips={clips.index(stored.clip): stored.clip},
-            cells=built.matrix.cells,
+            cells=built.matrix.methods,
             fingerprints={name: stored.cell.fingerprint},
             columns=tuple(column for column in built.metrics.built if column not in missing),
             kept=frozenset(),

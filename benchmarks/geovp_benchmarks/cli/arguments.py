@@ -3,17 +3,15 @@
 import argparse
 import glob
 import math
-import re
 import tomllib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.matrix import CONFIGS, DEVICE
 from geovp_classic.errors import BadData
 
-CONFIGS = Path(__file__).parents[1] / "configs"  # the built-in matrix files
 FIGURES = (".png", ".pdf", ".svg")
-DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
 def at_least(least: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:

@@ -14,7 +14,7 @@ from geovp_benchmarks.cli.arguments import positive
 from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.matrix.matrix import Matrix
+    from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Cell, Results
 
 

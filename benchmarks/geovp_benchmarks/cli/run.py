@@ -15,7 +15,7 @@ from geovp_benchmarks.progress import announce, progress_bar
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.matrix.matrix import Matrix
+    from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Cell, Results
     from geovp_benchmarks.running.executors import Executor
     from geovp_benchmarks.running.locking import Claim

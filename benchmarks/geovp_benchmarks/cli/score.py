@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Write a results folder of the kept clips alone."""
-    from geovp_benchmarks.matrix import matrix as matrices
+    from geovp_benchmarks.matrix import schema as matrices
     from geovp_benchmarks.matrix.components import on_device
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running.metric_set import MetricSet

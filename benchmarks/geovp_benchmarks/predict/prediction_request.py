@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import on_device
 from geovp_benchmarks.predict import plausibility
 from geovp_classic import registry
@@ -105,8 +105,8 @@ class PredictionRequest:
 
 def _of_method(file: str, label: str) -> FramePredictor:
     """Return the predictor of a method of a matrix; UnknownComponent names the nearest method."""
-    read = matrix.read(Path(file))
-    plans = {plan.label: plan for plan in read.cells}
+    read = schema.read(Path(file))
+    plans = {plan.label: plan for plan in read.methods}
     if label not in plans:
         raise UnknownComponent(f"{file} has no method {label!r}{registry.nearest(label, plans)}")
     chosen = plans[label].components.values()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.matrix.components import Failure, build, code_hash, on_device
-from geovp_benchmarks.matrix.matrix import CellPlan, Matrix
+from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.store import Part, Results, Rows
 from geovp_benchmarks.running.metric_set import MetricSet
@@ -45,17 +45,17 @@ class BuiltMatrix:
             return tuple(self.dataset.clip_names[:limit])
         return tuple(self.dataset[index].name for index in range(len(self.dataset))[:limit])
 
-    def components_of(self, plan: CellPlan) -> dict[str, Any]:
+    def components_of(self, plan: MethodPlan) -> dict[str, Any]:
         """The components themselves."""
         return {role: self.components[key] for role, key in plan.components.items()}
 
-    def needs(self, plan: CellPlan) -> PrivilegedInput:
+    def needs(self, plan: MethodPlan) -> PrivilegedInput:
         """What the components of a cell need together."""
         return functools.reduce(
             PrivilegedInput.__or__, (each.needs for each in self.components_of(plan).values())
         )
 
-    def code(self, plan: CellPlan) -> str:
+    def code(self, plan: MethodPlan) -> str:
         """A hash of the sources that the rows of a cell depend on."""
         return code_hash(self.components_of(plan).values())
 
@@ -68,7 +68,7 @@ class Task:
     root: str
     chunk: int
     clips: Mapping[int, str]  # number in the data set -> name
-    cells: tuple[CellPlan, ...]
+    cells: tuple[MethodPlan, ...]
     fingerprints: Mapping[str, str]
     columns: tuple[str, ...]
     kept: frozenset[str]
@@ -194,7 +194,7 @@ def compute(task: Task) -> TaskResult:
 
 def _predict_and_score(
     built: BuiltMatrix,
-    plan: CellPlan,
+    plan: MethodPlan,
     scoring: ScoringContext,
     cache: Cache,
     output: _CellOutput,
@@ -218,7 +218,7 @@ def _predict_and_score(
 
 def _predict(
     components: Mapping[str, Any],
-    plan: CellPlan,
+    plan: MethodPlan,
     context: Context,
     scoring: ScoringContext,
     cache: Cache,

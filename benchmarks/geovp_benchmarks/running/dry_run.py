@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from geovp_benchmarks.matrix.matrix import CellPlan, Matrix
+from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.executors import Serial
@@ -35,7 +35,7 @@ class Cost:
 class RowPlan:
     """One row: clips to compute and to keep as they are, or why it cannot be computed."""
 
-    cell: CellPlan
+    cell: MethodPlan
     todo: frozenset[str]
     kept: int
     reason: str = ""
@@ -49,7 +49,7 @@ def rows(
     stored times.
     """
     plan = look(matrix, results, options)
-    found = [_row(plan, cell) for cell in matrix.cells]
+    found = [_row(plan, cell) for cell in matrix.methods]
     if all(row.cost or not row.todo for row in found):
         return plan, found
     with tempfile.TemporaryDirectory() as folder:
@@ -85,7 +85,7 @@ def describe(plan: Plan, found: list[RowPlan], workers: int) -> list[str]:
     ]
 
 
-def _row(plan: Plan, cell: CellPlan) -> RowPlan:
+def _row(plan: Plan, cell: MethodPlan) -> RowPlan:
     failure, record = record_of(plan, cell)
     if failure is not None:
         return RowPlan(cell, frozenset(), 0, f"{failure.status}: {failure.reason}")

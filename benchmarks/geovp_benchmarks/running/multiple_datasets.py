@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import matrix, matrix_files, matrix_values
-from geovp_benchmarks.matrix.matrix import Matrix
-from geovp_benchmarks.results.store import NOT_CELLS, Results
+from geovp_benchmarks.matrix import files, schema
+from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.matrix.values import FolderName, Spec, Specs, validated
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
@@ -22,7 +23,7 @@ def read(path: Path, root: Path | None = None, settings: Sequence[str] = ()) -> 
     """The matrices of a file by the label of their data set, with settings of the command line and
     roots in them.
     """
-    return parse(*matrix_files.read(path, settings), root)
+    return parse(*files.read(path, settings), root)
 
 
 def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> dict[str, Matrix]:
@@ -31,7 +32,7 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
     """
     protocol = content.get("protocol")
     if not isinstance(protocol, Mapping) or "datasets" not in protocol:
-        return {ONE: matrix.parse(name, content).with_root(root)}
+        return {ONE: schema.parse(name, content).with_root(root)}
     if "dataset" in protocol:
         raise BadData("protocol has both dataset and datasets: keep one of them")
     if root is not None:
@@ -39,7 +40,8 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
             "--root replaces the root of one data set, and the matrix file has datasets: write "
             "roots there"
         )
-    specs = matrix_values.named_specs(protocol["datasets"], "protocol.datasets")
+    specs = validated(Specs, protocol["datasets"], "protocol.datasets")
+    schema.check_folders(list(validated(dict[FolderName, Spec], specs, "protocol.datasets")))
     if not specs:
         raise BadData(
             'protocol.datasets is empty: give a list such as [{ name = "kitti", root = "..." }]'
@@ -47,14 +49,9 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
     shared = {key: value for key, value in protocol.items() if key != "datasets"}
     found = {}
     for label, spec in specs.items():
-        if not matrix.ENTRY_NAME.fullmatch(label) or label in NOT_CELLS:
-            raise BadData(
-                f"protocol.datasets: {label!r} cannot be a folder's name: give letters, digits "
-                "and _ + - ."
-            )
         own = {**content, "protocol": {**shared, "dataset": spec}}
         try:
-            found[label] = matrix.parse(f"{name}/{label}", own).with_root(None)
+            found[label] = schema.parse(f"{name}/{label}", own).with_root(None)
             found[label].build_dataset(PrivilegedInput.NONE)
         except GeovpError as problem:
             raise type(problem)(f"data set {label!r}: {problem}") from problem

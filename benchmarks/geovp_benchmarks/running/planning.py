@@ -13,7 +13,7 @@ from typing import Any
 
 from llvmlite.binding import get_host_cpu_name
 
-from geovp_benchmarks.matrix.matrix import Matrix
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.provenance import content_hash, protocol_id
 from geovp_benchmarks.results.store import Results, check_clip_name
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, build_matrix
@@ -127,7 +127,7 @@ def _protocol(plan: Plan) -> dict[str, Any]:
         "size_px": list(matrix.size_px),
         "stride": matrix.stride,
         "metrics": plan.built.metrics.about(plan.unavailable),
-        "cells": [cell.name for cell in matrix.cells],
+        "cells": [cell.name for cell in matrix.methods],
         "clips": list(plan.clips),
         "kept": None if plan.selection is None else dataclasses.asdict(plan.selection),
         "fingerprint": plan.shared,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from geovp_benchmarks.matrix.components import Failure, weights_of
-from geovp_benchmarks.matrix.matrix import CellPlan, Matrix
+from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.provenance import content_hash
 from geovp_benchmarks.results.store import Cell, Part, Results
@@ -44,12 +44,12 @@ def run(
     """
     announce("looking at components, metrics and clips")
     plan = prepare(matrix, results, options)
-    for name in (None, *(cell.name for cell in matrix.cells)):
+    for name in (None, *(cell.name for cell in matrix.methods)):
         for path in results.set_damaged_aside(name):
             logger.warning(
                 "%s was damaged: it is set aside as %s.damaged and computed again", path, path.name
             )
-    plans = {cell.name: cell for cell in matrix.cells}
+    plans = {cell.name: cell for cell in matrix.methods}
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
     state = _State(
         {
@@ -75,7 +75,7 @@ def run(
     return results.cells()
 
 
-def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
+def _begin(plan: Plan, cell: MethodPlan) -> dict[str, Any]:
     """Write and return a cell's record, without a fingerprint when it cannot be built; stale rows
     are set aside.
     """
@@ -94,7 +94,7 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     return record
 
 
-def record_of(plan: Plan, cell: CellPlan) -> tuple[Failure | None, dict[str, Any]]:
+def record_of(plan: Plan, cell: MethodPlan) -> tuple[Failure | None, dict[str, Any]]:
     """Why a cell cannot be built here, if so, and its record, which then has no fingerprint."""
     own = plan.built.components_of(cell)
     names = (
@@ -179,7 +179,7 @@ def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) 
     """A task per chunk, without the cells that have failed by then."""
     matrix = plan.built.matrix
     for index, clips in enumerate(plan.chunks):
-        cells = [cell for cell in matrix.cells if index in state.missing.get(cell.name, ())]
+        cells = [cell for cell in matrix.methods if index in state.missing.get(cell.name, ())]
         cells = [cell for cell in cells if cell.name not in state.failures]
         if cells:
             fingerprints = {cell.name: str(records[cell.name]["fingerprint"]) for cell in cells}

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.matrix import UNASKED, Matrix
+from geovp_benchmarks.matrix.schema import ALWAYS_SCORED, Matrix
 from geovp_benchmarks.results.store import Cell, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_classic.errors import BadData
@@ -54,8 +54,8 @@ class Ranking:
         """The rule in words; BadData when a word is not one of the matrix."""
         which, _, rest = text.partition(":")
         metric, _, row = rest.partition(":")
-        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *UNASKED]
-        rows = [name for cell in matrix.cells for name in (cell.label, cell.name)]
+        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
+        rows = [name for cell in matrix.methods for name in (cell.label, cell.name)]
         for word, known in ((which, WHICH), (metric, metrics), (row, ["", *rows])):
             if word not in known:
                 raise BadData(

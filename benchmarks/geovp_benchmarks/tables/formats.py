@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import CONFIGS
+from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.latex import latex

@@ -10,7 +10,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.analysis.statistics import Cube
-from geovp_benchmarks.matrix.matrix import COVERAGE, UNASKED
+from geovp_benchmarks.matrix.schema import ALWAYS_SCORED, COVERAGE
 from geovp_benchmarks.results import provenance
 from geovp_benchmarks.results.store import Cell, Results, Rows
 from geovp_benchmarks.results.stored_facts import (
@@ -77,7 +77,7 @@ def build(
         }
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
-    main = choice.columns(metrics, keys) or [name for name in metrics if name not in UNASKED]
+    main = choice.columns(metrics, keys) or [name for name in metrics if name not in ALWAYS_SCORED]
     methods = [
         line
         for cell in cells

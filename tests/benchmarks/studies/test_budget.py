@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.analysis.intervals import Interval
-from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.studies.budget import offsets, stages
 from geovp_benchmarks.studies.budget.images import ClipImages, with_true_depth
 from geovp_benchmarks.studies.budget.offsets import Offset
@@ -68,7 +68,7 @@ def matrix_file(tmp_path: Path) -> Path:
 
 def subject_of(metric: Psnr) -> Subject:
     """A row of two parts that nothing is asked of, on one clip."""
-    read = matrix.parse("m", TABLES)
+    read = schema.parse("m", TABLES)
     dataset = Synthetic(num_clips=1, num_frames=12, size_px=(96, 96))
     return Subject(
         "row",
@@ -209,7 +209,7 @@ def test_a_predictor_made_of_both_parts_is_a_row() -> None:
         "renderer": {"name": "depth-fusion"},
     }
     label, predictor = find_row(
-        matrix.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole"
+        schema.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole"
     )
     assert label == "whole"
     assert isinstance(predictor.renderer, DepthFusion)

@@ -4,15 +4,15 @@ sensitivity curves.
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.analysis.intervals import Interval
-from geovp_benchmarks.matrix import matrix
-from geovp_benchmarks.matrix.matrix import Matrix
+from geovp_benchmarks.matrix import schema
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import SCORED
 from geovp_classic import registry
@@ -44,8 +44,8 @@ class Subject:
         """The subject of a command line; BadData for a row that is no pose source with a
         renderer.
         """
-        read = matrix.read(chosen.matrix).with_root(chosen.root)
-        read = replace(read, stride=chosen.stride or read.stride)
+        read = schema.read(chosen.matrix).with_root(chosen.root)
+        read = read.replace(stride=chosen.stride or read.stride)
         label, predictor = find_row(read, chosen.method)
         dataset = read.build_dataset(predictor.needs | needs)
         num_clips = min(len(dataset), chosen.limit or len(dataset))
@@ -76,8 +76,8 @@ class Subject:
 
 def find_row(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:
     """The row's label and its built components."""
-    plans = {plan.label: plan for plan in read.cells}
-    geometric = [plan.label for plan in read.cells if plan.kind == "geometric"]
+    plans = {plan.label: plan for plan in read.methods}
+    geometric = [plan.label for plan in read.methods if plan.kind == "geometric"]
     wanted = label or (geometric[0] if len(geometric) == 1 else "")
     if wanted not in plans:
         raise BadData(

@@ -1,0 +1,283 @@
+"""Schema of a matrix file: one protocol, and all components that run under it."""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict
+
+from geovp_benchmarks.matrix import files, protocols
+from geovp_benchmarks.matrix.values import (
+    Count,
+    Device,
+    Expected,
+    FolderName,
+    IsNamed,
+    Size,
+    Spec,
+    Specs,
+    check_storable,
+    validated,
+)
+from geovp_classic import registry
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.types import PrivilegedInput
+
+COVERAGE = "coverage"  # fraction of pixels that were not inpainted
+CONFIDENCE = "confidence"  # `Prediction.confidence`
+ALWAYS_SCORED = (COVERAGE, CONFIDENCE)
+RESERVED = (  # files and folders of the results
+    *("clips", "tables", "plots", "recordings", "earlier"),
+    *("protocol.json", "datasets.json", "cell.json", "report.html", ".lock"),
+)
+MAX_CLIP_PIXELS = 2**29  # 1.5 GiB of frames
+
+
+class Table(BaseModel):
+    """A table of a matrix file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Entry(Table):
+    """A component that predicts, and the number of samples that it is asked for."""
+
+    model_config = ConfigDict(extra="allow")  # the fields of the component
+
+    name: str
+    num_samples: Count | None = None  # None: as many as the protocol says
+
+    @property
+    def spec(self) -> Spec:
+        """The component as `registry.build` takes it."""
+        return {"name": self.name, **(self.model_extra or {})}
+
+
+def _check_dataset(spec: Spec) -> Spec:
+    """Raise ValueError for fields that the protocol sets."""
+    for key in ("num_frames", "stride", "size_px", "with_full", "with_right"):
+        if key in spec:
+            raise ValueError(f"expected no {key!r}, which the harness sets: leave it out")
+    return spec
+
+
+class ProtocolTable(Table):
+    """The table [protocol]: which frames are observed and predicted."""
+
+    dataset: Annotated[Spec, AfterValidator(_check_dataset)]
+    num_past: Count
+    num_future: Count
+    size_px: Size
+    stride: Count
+    num_samples: Count = 1
+    device: Device | None = None  # of networks that do not name one; None: their own default
+
+
+class MetricsTable(Table):
+    """The table [metrics]: components by the names of their columns."""
+
+    frame: Specs = {name: {"name": name} for name in ("psnr", "ssim", "lpips")}
+    trajectory: Specs = {name: {"name": name} for name in ("translation-error", "rotation-error")}
+    # frame metrics that are repeated without the rotation error
+    stabilised: Annotated[list[str], Expected('a list of frame metrics such as ["psnr"]')] = []
+
+
+Entries = dict[FolderName, Annotated[Entry, IsNamed]]
+
+
+class ComponentTables(Table):
+    """The tables of the components that predict."""
+
+    pose_sources: Entries = {}
+    renderers: dict[FolderName, Spec] = {}
+    predictors: Entries = {}
+
+
+class MatrixFile(ComponentTables):
+    """The content of a matrix file."""
+
+    protocol: ProtocolTable
+    metrics: MetricsTable = MetricsTable()
+
+
+@dataclass(frozen=True)
+class MethodPlan:
+    """One method to compute: a pose source with a renderer, or a predictor, by name."""
+
+    num_samples: int
+    pose_source: str | None = None
+    renderer: str | None = None
+    predictor: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return self.predictor or f"{self.pose_source}--{self.renderer}"
+
+    @property
+    def label(self) -> str:
+        """The name in tables and figures."""
+        return self.predictor or f"{self.pose_source} + {self.renderer}"
+
+    @property
+    def kind(self) -> str:
+        """One of "geometric", "predictor"."""
+        return "geometric" if self.predictor is None else "predictor"
+
+    @property
+    def components(self) -> dict[str, tuple[str, str]]:
+        """The role in the registry and the name in the matrix file of each component."""
+        names = {
+            "pose_source": self.pose_source,
+            "renderer": self.renderer,
+            "predictor": self.predictor,
+        }
+        return {role: (f"{role}s", name) for role, name in names.items() if name}
+
+
+class Matrix(ProtocolTable, ComponentTables):
+    """A matrix: what its file asks for, with the components still to be built."""
+
+    name: str
+    frame_metrics: Specs
+    trajectory_metrics: Specs
+
+    @property
+    def methods(self) -> tuple[MethodPlan, ...]:
+        """All pairs of pose source and renderer, then the predictors, in the file's order."""
+        methods = []
+        for source, entry in self.pose_sources.items():
+            samples = entry.num_samples or self.num_samples
+            methods += [MethodPlan(samples, source, renderer) for renderer in self.renderers]
+        for name, entry in self.predictors.items():
+            samples = entry.num_samples or self.num_samples
+            methods.append(MethodPlan(samples, predictor=name))
+        return tuple(methods)
+
+    @property
+    def specs(self) -> dict[tuple[str, str], Spec]:
+        """The components by role and name."""
+        specs = {("renderers", name): spec for name, spec in self.renderers.items()}
+        for role in ("pose_sources", "predictors"):
+            for name, entry in getattr(self, role).items():
+                specs[role, name] = entry.spec
+        return specs
+
+    def to_json(self) -> str:
+        """Return the matrix as text, for another process."""
+        return self.model_dump_json()
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the matrix that `to_json` wrote."""
+        return cls.model_validate_json(text)
+
+    def replace(self, **fields: Any) -> Self:
+        """Return the matrix with other values of some fields."""
+        return self.model_copy(update=fields)
+
+    def with_root(self, root: Path | None) -> Self:
+        """Return the matrix with another root of its data set, or with $VARIABLES expanded."""
+        given = self.dataset.get("root") if root is None else str(root)
+        if not isinstance(given, str):
+            return self
+        expanded = given if root is not None else os.path.expandvars(given)
+        if not expanded or (root is None and "$" in expanded):
+            raise BadData(
+                f"protocol.dataset.root is {given!r}, which is not set: set it, or give --root "
+                "FOLDER"
+            )
+        return self.replace(dataset={**self.dataset, "root": expanded})
+
+    def with_device(self, device: str | None) -> Self:
+        """Return the matrix with another device, if one is given."""
+        return self if device is None else self.replace(device=device)
+
+    def build_dataset(self, needs: PrivilegedInput) -> Any:
+        """Build the data set with the protocol's clips and the views that components need."""
+        fields = {
+            "num_frames": self.num_past + self.num_future,
+            "stride": self.stride,
+            "size_px": list(self.size_px),
+            "with_full": PrivilegedInput.FULL_FRAMES in needs,
+            "with_right": PrivilegedInput.RIGHT_FRAMES in needs,
+        }
+        kind = registry.load("datasets", self.dataset["name"])
+        names = {field.name for field in dataclasses.fields(kind)}
+        settings = {key: value for key, value in fields.items() if key in names}
+        return registry.build("datasets", {**self.dataset, **settings}, "protocol.dataset")
+
+
+def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
+    """Return the matrix of a TOML file, or of a built-in one by name.
+
+    Settings such as "protocol.stride=20" replace those of the file. BadData or UnknownComponent
+    names the place in the file and the nearest known word.
+    """
+    return parse(*files.read(path, settings))
+
+
+def parse(name: str, content: Mapping[str, Any]) -> Matrix:
+    """Return the matrix of a TOML file's content."""
+    check_storable(content)
+    tables = validated(MatrixFile, protocols.expanded(content)).model_dump()
+    protocol, metrics = tables.pop("protocol"), tables.pop("metrics")
+    frame, trajectory = metrics["frame"], metrics["trajectory"]
+    stabilised = {}
+    for metric in metrics["stabilised"]:
+        if metric not in frame:
+            raise UnknownComponent(
+                f"metrics.stabilised has an unknown frame metric {metric!r}"
+                f"{registry.nearest(metric, frame)}"
+            )
+        stabilised[f"{metric}-stabilised"] = {"name": "stabilised", "metric": frame[metric]}
+    _check_columns([*frame, *stabilised, *trajectory])
+    matrix = Matrix(
+        name=name,
+        **protocol,
+        **tables,
+        frame_metrics=frame | stabilised,
+        trajectory_metrics=trajectory,
+    )
+    _check_methods(matrix)
+    return matrix
+
+
+def _check_columns(names: list[str]) -> None:
+    for name in names:
+        if "@" in name or name in ALWAYS_SCORED or names.count(name) > 1:
+            raise BadData(
+                f"metrics: a column cannot be called {name!r}, which is reserved, contains '@' or "
+                "stands there twice: give another name"
+            )
+
+
+def _check_methods(matrix: Matrix) -> None:
+    """Raise BadData unless there are methods, with folders of their own and clips that fit."""
+    if bool(matrix.pose_sources) != bool(matrix.renderers) or not matrix.methods:
+        raise BadData(
+            "the matrix file has no complete method: give [pose_sources] and [renderers], or "
+            "[predictors]"
+        )
+    check_folders([method.name for method in matrix.methods])
+    width_px, height_px = matrix.size_px
+    num_frames = matrix.num_past + matrix.num_future
+    if width_px * height_px * num_frames > MAX_CLIP_PIXELS:
+        raise BadData(
+            f"a clip would have {num_frames} frames of {width_px}x{height_px} pixels: lower "
+            "size_px, num_past or num_future"
+        )
+
+
+def check_folders(names: Sequence[str]) -> None:
+    """Raise BadData unless names are different folders of the results on every file system."""
+    folders = [name.casefold() for name in (*RESERVED, *names)]
+    for name in names:
+        if folders.count(name.casefold()) > 1:
+            raise BadData(
+                f"two folders of the results would be called {name!r}: rename an entry of the "
+                "matrix file"
+            )
