@@ -37,7 +37,7 @@ class Protocol(BaseModel):
 
     @property
     def about(self) -> str:
-        """A summary in a few lines."""
+        """Return a summary in a few lines."""
         width_px, height_px = self.size_px
         metrics = [
             " ".join(map(str, [column, *list(spec.values())[1:]]))

@@ -52,7 +52,7 @@ class Entry(Table):
 
     @property
     def spec(self) -> Spec:
-        """The component as `registry.build` takes it."""
+        """Return the component as `registry.build` takes it."""
         return {"name": self.name, **(self.model_extra or {})}
 
 
@@ -114,22 +114,22 @@ class MethodPlan:
 
     @property
     def name(self) -> str:
-        """The name of its folder."""
+        """Return the name of its folder."""
         return self.predictor or f"{self.pose_source}--{self.renderer}"
 
     @property
     def label(self) -> str:
-        """The name in tables and figures."""
+        """Return the name in tables and figures."""
         return self.predictor or f"{self.pose_source} + {self.renderer}"
 
     @property
     def kind(self) -> str:
-        """One of "geometric", "predictor"."""
+        """Return "geometric" or "predictor"."""
         return "geometric" if self.predictor is None else "predictor"
 
     @property
     def components(self) -> dict[str, tuple[str, str]]:
-        """The role in the registry and the name in the matrix file of each component."""
+        """Return the role in the registry and the name in the matrix file of each component."""
         names = {
             "pose_source": self.pose_source,
             "renderer": self.renderer,
@@ -147,7 +147,7 @@ class Matrix(ProtocolTable, ComponentTables):
 
     @property
     def methods(self) -> tuple[MethodPlan, ...]:
-        """All pairs of pose source and renderer, then the predictors, in the file's order."""
+        """Return all pose sources with all renderers, then the predictors, in the file's order."""
         methods = []
         for source, entry in self.pose_sources.items():
             samples = entry.num_samples or self.num_samples
@@ -159,7 +159,7 @@ class Matrix(ProtocolTable, ComponentTables):
 
     @property
     def specs(self) -> dict[tuple[str, str], Spec]:
-        """The components by role and name."""
+        """Return the components by role and name."""
         specs = {("renderers", name): spec for name, spec in self.renderers.items()}
         for role in ("pose_sources", "predictors"):
             for name, entry in getattr(self, role).items():
