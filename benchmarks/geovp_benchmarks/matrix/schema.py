@@ -142,6 +142,7 @@ class Matrix(ProtocolTable, ComponentTables):
     """A matrix: what its file asks for, with the components still to be built."""
 
     name: str
+    dataset: Spec  # a stored one has the fields that the protocol sets, too
     frame_metrics: Specs
     trajectory_metrics: Specs
 
@@ -185,7 +186,7 @@ class Matrix(ProtocolTable, ComponentTables):
         if not isinstance(given, str):
             return self
         expanded = given if root is not None else os.path.expandvars(given)
-        if not expanded or (root is None and "$" in expanded):
+        if root is None and ("$" in expanded or bool(expanded) != bool(given)):
             raise BadData(
                 f"protocol.dataset.root is {given!r}, which is not set: set it, or give --root "
                 "FOLDER"
