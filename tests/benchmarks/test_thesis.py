@@ -216,7 +216,9 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
         for poses in ("gt-3d", "gt-3d-registered")
         for renderer in ("fusion", "ground-far-plane")
     }
-    assert crossed | {"gt-3d-registered+synsin-small", "gt-2d-refined+synsin-small"} <= set(own.predictors)
+    assert crossed | {"gt-3d-registered+synsin-small", "gt-2d-refined+synsin-small"} <= set(
+        own.predictors
+    )
     drawn = [
         own.predictors[f"vo+{forecast}+fusion-10"].num_samples
         for forecast in ("ctrv", "prior", "representative")

@@ -51,19 +51,18 @@ def build(role: str, name: str, spec: Spec) -> Any:
     """
     try:
         component = registry.build(role, spec, f"{role}.{name}")
+        has_needs = isinstance(getattr(component, "needs", None), PrivilegedInput)
+        if role in ("pose_sources", "renderers", "predictors") and not has_needs:
+            raise TypeError(
+                f"{name!r} does not say what it needs: give it `needs`, PrivilegedInput.NONE for "
+                "the frames alone"
+            )
     except (Incompatible, MissingExtra) as error:
         return Failure.of(error)
     except GeovpError:
         raise
     except Exception as error:  # of a plug-in: its methods fail, the others go on
         return Failure.of(error)
-    is_method = role in ("pose_sources", "renderers", "predictors")
-    if is_method and not isinstance(getattr(component, "needs", None), PrivilegedInput):
-        reason = (
-            f"TypeError: {name!r} does not say what it needs: give it `needs`, "
-            "PrivilegedInput.NONE for the frames alone"
-        )
-        return Failure("failed", reason)
     return component
 
 
