@@ -17,13 +17,6 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import PrivilegedInput
 
-ALWAYS_HASHED = (
-    "geovp_classic",
-    "geovp_benchmarks.running.built_matrix",
-    "geovp_benchmarks.running.scoring",
-    "geovp_benchmarks.running.metric_set",
-)
-
 
 @dataclass(frozen=True)
 class Failure:
@@ -76,7 +69,12 @@ def code_hash(components: Iterable[object]) -> str:
 
     Libraries do not count; protocol.json has their versions.
     """
-    modules = set(ALWAYS_HASHED)
+    modules = {
+        "geovp_classic",
+        "geovp_benchmarks.running.built_matrix",
+        "geovp_benchmarks.running.scoring",
+        "geovp_benchmarks.running.metric_set",
+    }
     for component in components:
         for part in nested(component):
             package = type(part).__module__.partition(".")[0]

@@ -32,7 +32,6 @@ RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
     *("protocol.json", "datasets.json", "cell.json", "report.html", ".lock"),
 )
-MAX_CLIP_PIXELS = 2**29  # 1.5 GiB of frames
 
 
 class Table(BaseModel):
@@ -262,7 +261,7 @@ def _check_methods(matrix: Matrix) -> None:
     check_folders([method.name for method in matrix.methods])
     width_px, height_px = matrix.size_px
     num_frames = matrix.num_past + matrix.num_future
-    if width_px * height_px * num_frames > MAX_CLIP_PIXELS:
+    if width_px * height_px * num_frames > 2**29:  # 1.5 GiB
         raise BadData(
             f"a clip would have {num_frames} frames of {width_px}x{height_px} pixels: lower "
             "size_px, num_past or num_future"
