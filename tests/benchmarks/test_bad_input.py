@@ -87,7 +87,6 @@ GOOD = [pose(number) for number in range(FRAMES)]
         (replaced("[32, 32]", "[32, 16]"), "expected a square"),
         (replaced("num_past = 3", "num_past = 300"), "one clip needs 302"),
         (replaced('root = "', 'sequences = ["07"], root = "'), "07"),
-        (replaced("num_past", "num_pats"), "did you mean 'num_past'?"),
         (replaced("[protocol]", "[protocol"), "not TOML"),
         (Path.unlink, "does not exist: give a matrix file"),
     ],

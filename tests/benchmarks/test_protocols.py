@@ -14,7 +14,7 @@ from scipy.signal import convolve2d
 from geovp_benchmarks.audit import reproduction
 from geovp_benchmarks.matrix import protocols, schema
 from geovp_classic import registry
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import GeovpError
 from geovp_classic.types import ByteArray
 
 Definition = Callable[[np.ndarray, np.ndarray], float]  # of two frames [H, W, 3] in 0..1
@@ -154,23 +154,16 @@ def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
 
 
 @pytest.mark.parametrize(
-    ("protocol", "kind", "message"),
+    ("name", "message"),
     [
-        ({"name": "fvs"}, UnknownComponent, "no protocol 'fvs': did you mean 'fvs20'"),
-        (
-            {"name": "openstl"},
-            BadData,
-            "measured on Caltech Pedestrian .* nothing here reads: give dataset",
-        ),
-        ({"name": "fvs20", "rot": "x"}, UnknownComponent, "unknown key 'rot'"),
-        ({"name": 20}, UnknownComponent, "unknown key 'name'"),
+        ("fvs", "no protocol 'fvs': did you mean 'fvs20'"),
+        ("openstl", "measured on Caltech Pedestrian .* nothing here reads: give dataset"),
+        (20, "unknown key 'name'"),
     ],
 )
-def test_a_protocol_that_cannot_be_followed_is_told(
-    protocol: dict[str, object], kind: type[Exception], message: str
-) -> None:
-    with pytest.raises(kind, match=message):
-        schema.parse("m", {**FOLLOWS, "protocol": protocol})
+def test_a_protocol_that_cannot_be_followed_is_told(name: object, message: str) -> None:
+    with pytest.raises(GeovpError, match=message):
+        schema.parse("m", {**FOLLOWS, "protocol": {"name": name}})
 
 
 @pytest.mark.parametrize("name", list(protocols.ALL))

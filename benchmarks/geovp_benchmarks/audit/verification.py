@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from geovp_benchmarks.matrix.components import Failure
-from geovp_benchmarks.matrix.schema import Entry, Matrix
+from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.store import Cell, Part, Results, Rows
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, Task, build_matrix, compute
@@ -177,25 +178,26 @@ def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -
     roles = {name: protocol["metrics"][name]["role"] for name in metrics}
     cell = None if stored is None else stored.cell
     count = 1 if cell is None else cell.num_samples
-    return Matrix(
-        name=protocol["name"],
-        dataset=protocol["dataset"],
-        num_past=protocol["num_past"],
-        num_future=protocol["num_future"],
-        size_px=tuple(protocol["size_px"]),
-        stride=protocol["stride"],
-        pose_sources={str(cell.pose_source): Entry(**spec["pose_source"], num_samples=count)}
+    fields = {
+        "name": protocol["name"],
+        "dataset": protocol["dataset"],
+        "num_past": protocol["num_past"],
+        "num_future": protocol["num_future"],
+        "size_px": tuple(protocol["size_px"]),
+        "stride": protocol["stride"],
+        "pose_sources": {str(cell.pose_source): {**spec["pose_source"], "num_samples": count}}
         if cell and cell.pose_source
         else {},
-        renderers={str(cell.renderer): spec["renderer"]} if cell and cell.renderer else {},
-        predictors={cell.name: Entry(**spec["predictor"], num_samples=count)}
+        "renderers": {str(cell.renderer): spec["renderer"]} if cell and cell.renderer else {},
+        "predictors": {cell.name: {**spec["predictor"], "num_samples": count}}
         if cell and "predictor" in spec
         else {},
-        frame_metrics={name: spec for name, spec in metrics.items() if roles[name] == "frame"},
-        trajectory_metrics={
+        "frame_metrics": {name: spec for name, spec in metrics.items() if roles[name] == "frame"},
+        "trajectory_metrics": {
             name: spec for name, spec in metrics.items() if roles[name] == "trajectory"
         },
-    ).with_root(root)
+    }
+    return validated(Matrix, fields, "protocol.json").with_root(root)
 
 
 def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> Rows:

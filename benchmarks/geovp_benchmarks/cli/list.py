@@ -96,8 +96,8 @@ def _show(name: str, as_json: bool) -> int:
 def _list_protocols(as_json: bool) -> int:
     from geovp_benchmarks.matrix import protocols
 
-    abouts = {name: protocol.about for name, protocol in protocols.ALL.items()}
-    print(json.dumps(abouts, indent=2) if as_json else "\n".join(abouts.values()))
+    tables = {name: protocol.model_dump() for name, protocol in protocols.ALL.items()}
+    print(json.dumps(tables, indent=2) if as_json else protocols.TABLES.read_text("utf-8"))
     return 0
 
 

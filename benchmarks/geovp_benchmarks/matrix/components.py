@@ -17,13 +17,6 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import PrivilegedInput
 
-ALWAYS_HASHED = (
-    "geovp_classic",
-    "geovp_benchmarks.running.built_matrix",
-    "geovp_benchmarks.running.scoring",
-    "geovp_benchmarks.running.metric_set",
-)
-
 
 @dataclass(frozen=True)
 class Failure:
@@ -51,19 +44,18 @@ def build(role: str, name: str, spec: Spec) -> Any:
     """
     try:
         component = registry.build(role, spec, f"{role}.{name}")
+        has_needs = isinstance(getattr(component, "needs", None), PrivilegedInput)
+        if role in ("pose_sources", "renderers", "predictors") and not has_needs:
+            raise TypeError(
+                f"{name!r} does not say what it needs: give it `needs`, PrivilegedInput.NONE for "
+                "the frames alone"
+            )
     except (Incompatible, MissingExtra) as error:
         return Failure.of(error)
     except GeovpError:
         raise
     except Exception as error:  # of a plug-in: its methods fail, the others go on
         return Failure.of(error)
-    is_method = role in ("pose_sources", "renderers", "predictors")
-    if is_method and not isinstance(getattr(component, "needs", None), PrivilegedInput):
-        reason = (
-            f"TypeError: {name!r} does not say what it needs: give it `needs`, "
-            "PrivilegedInput.NONE for the frames alone"
-        )
-        return Failure("failed", reason)
     return component
 
 
@@ -77,7 +69,12 @@ def code_hash(components: Iterable[object]) -> str:
 
     Libraries do not count; protocol.json has their versions.
     """
-    modules = set(ALWAYS_HASHED)
+    modules = {
+        "geovp_classic",
+        "geovp_benchmarks.running.built_matrix",
+        "geovp_benchmarks.running.scoring",
+        "geovp_benchmarks.running.metric_set",
+    }
     for component in components:
         for part in nested(component):
             package = type(part).__module__.partition(".")[0]

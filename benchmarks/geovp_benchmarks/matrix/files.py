@@ -55,21 +55,16 @@ def _set(content: dict[str, Any], setting: str) -> None:
             raise UnknownComponent(
                 f"--set {setting}: [{words[0]}] has no entry {word!r}{nearest(word, table)}"
             )
-        table = _table_below(table, word, setting)
+        value = table.setdefault(word, {})
+        if isinstance(value, str):
+            value = table[word] = {"name": value}
+        if not isinstance(value, dict):
+            raise BadData(
+                f"--set {setting}: {word} is {value!r}, which has no settings of its own: set it "
+                "as a whole"
+            )
+        table = value
     table[words[-1]] = _value(text.strip(), setting)
-
-
-def _table_below(table: dict[str, Any], word: str, setting: str) -> dict[str, Any]:
-    """Return the table of a key, which is created, or made of a component's name."""
-    value = table.setdefault(word, {})
-    if isinstance(value, str):
-        value = table[word] = {"name": value}
-    if not isinstance(value, dict):
-        raise BadData(
-            f"--set {setting}: {word} is {value!r}, which has no settings of its own: set it as "
-            "a whole"
-        )
-    return value
 
 
 def _value(text: str, setting: str) -> Any:

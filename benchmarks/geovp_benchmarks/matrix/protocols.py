@@ -35,29 +35,11 @@ class Protocol(BaseModel):
     horizons: tuple[int, ...] = ()  # "t+k" is the mean over the first k frames; (): over all
     differences: str = ""  # from the paper
 
-    @property
-    def about(self) -> str:
-        """Return a summary in a few lines."""
-        width_px, height_px = self.size_px
-        metrics = [
-            " ".join(map(str, [column, *list(spec.values())[1:]]))
-            for column, spec in self.metrics.items()
-        ]
-        lines = [
-            f"{self.name}: {self.paper}",
-            f"{self.data}; {self.num_past} observed frames, {self.num_future} predicted",
-            f"{width_px}x{height_px} pixels, stride {self.stride}; {', '.join(metrics)}",
-        ]
-        if self.differences:
-            lines.append(f"differs here: {self.differences}")
-        return "\n  ".join(lines)
 
-
+TABLES = Path(__file__).with_suffix(".toml")
 ALL = {
     name: Protocol(name=name, **fields)
-    for name, fields in tomllib.loads(
-        Path(__file__).with_suffix(".toml").read_text("utf-8")
-    ).items()
+    for name, fields in tomllib.loads(TABLES.read_text("utf-8")).items()
 }
 
 

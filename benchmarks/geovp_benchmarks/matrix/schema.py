@@ -1,6 +1,5 @@
 """Schema of a matrix file: one protocol, and all components that run under it."""
 
-import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +32,6 @@ RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
     *("protocol.json", "datasets.json", "cell.json", "report.html", ".lock"),
 )
-MAX_CLIP_PIXELS = 2**29  # 1.5 GiB of frames
 
 
 class Table(BaseModel):
@@ -142,7 +140,7 @@ class Matrix(ProtocolTable, ComponentTables):
     """A matrix: what its file asks for, with the components still to be built."""
 
     name: str
-    dataset: Spec  # a stored one has the fields that the protocol sets, too
+    dataset: Spec  # of stored results with the fields that the protocol sets, too
     frame_metrics: Specs
     trajectory_metrics: Specs
 
@@ -180,18 +178,17 @@ class Matrix(ProtocolTable, ComponentTables):
         """Return the matrix with other values of some fields."""
         return self.model_copy(update=fields)
 
-    def with_root(self, root: Path | None) -> Self:
+    def with_root(self, root: Path | str | None) -> Self:
         """Return the matrix with another root of its data set, or with $VARIABLES expanded."""
-        given = self.dataset.get("root") if root is None else str(root)
-        if not isinstance(given, str):
-            return self
-        expanded = given if root is not None else os.path.expandvars(given)
-        if root is None and ("$" in expanded or bool(expanded) != bool(given)):
-            raise BadData(
-                f"protocol.dataset.root is {given!r}, which is not set: set it, or give --root "
-                "FOLDER"
-            )
-        return self.replace(dataset={**self.dataset, "root": expanded})
+        given = self.dataset.get("root")
+        if root is None and isinstance(given, str):
+            root = os.path.expandvars(given)
+            if "$" in root or (given and not root):
+                raise BadData(
+                    f"protocol.dataset.root is {given!r}, which is not set: set it, or give "
+                    "--root FOLDER"
+                )
+        return self if root is None else self.replace(dataset=self.dataset | {"root": str(root)})
 
     def with_device(self, device: str | None) -> Self:
         """Return the matrix with another device, if one is given."""
@@ -199,17 +196,14 @@ class Matrix(ProtocolTable, ComponentTables):
 
     def build_dataset(self, needs: PrivilegedInput) -> Any:
         """Build the data set with the protocol's clips and the views that components need."""
-        fields = {
-            "num_frames": self.num_past + self.num_future,
-            "stride": self.stride,
-            "size_px": list(self.size_px),
-            "with_full": PrivilegedInput.FULL_FRAMES in needs,
-            "with_right": PrivilegedInput.RIGHT_FRAMES in needs,
-        }
-        kind = registry.load("datasets", self.dataset["name"])
-        names = {field.name for field in dataclasses.fields(kind)}
-        settings = {key: value for key, value in fields.items() if key in names}
-        return registry.build("datasets", {**self.dataset, **settings}, "protocol.dataset")
+        with registry.defaults(
+            num_frames=self.num_past + self.num_future,
+            stride=self.stride,
+            size_px=self.size_px,
+            with_full=PrivilegedInput.FULL_FRAMES in needs,
+            with_right=PrivilegedInput.RIGHT_FRAMES in needs,
+        ):
+            return registry.build("datasets", self.dataset, "protocol.dataset")
 
 
 def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
@@ -226,28 +220,29 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     check_storable(content)
     tables = validated(MatrixFile, protocols.expanded(content)).model_dump()
     protocol, metrics = tables.pop("protocol"), tables.pop("metrics")
-    frame, trajectory = metrics["frame"], metrics["trajectory"]
-    stabilised = {}
+    frame = metrics["frame"]
     for metric in metrics["stabilised"]:
-        if metric not in frame:
+        if metric not in metrics["frame"]:
             raise UnknownComponent(
                 f"metrics.stabilised has an unknown frame metric {metric!r}"
                 f"{registry.nearest(metric, frame)}"
             )
-        stabilised[f"{metric}-stabilised"] = {"name": "stabilised", "metric": frame[metric]}
-    _check_columns([*frame, *stabilised, *trajectory])
+        stabilised = {"name": "stabilised", "metric": frame[metric]}
+        frame = {**frame, f"{metric}-stabilised": stabilised}
     matrix = Matrix(
         name=name,
         **protocol,
         **tables,
-        frame_metrics=frame | stabilised,
-        trajectory_metrics=trajectory,
+        frame_metrics=frame,
+        trajectory_metrics=metrics["trajectory"],
     )
+    _check_columns([*matrix.frame_metrics, *matrix.trajectory_metrics])
     _check_methods(matrix)
     return matrix
 
 
 def _check_columns(names: list[str]) -> None:
+    """Raise BadData unless names can be columns of a table."""
     for name in names:
         if "@" in name or name in ALWAYS_SCORED or names.count(name) > 1:
             raise BadData(
@@ -266,7 +261,7 @@ def _check_methods(matrix: Matrix) -> None:
     check_folders([method.name for method in matrix.methods])
     width_px, height_px = matrix.size_px
     num_frames = matrix.num_past + matrix.num_future
-    if width_px * height_px * num_frames > MAX_CLIP_PIXELS:
+    if width_px * height_px * num_frames > 2**29:  # 1.5 GiB
         raise BadData(
             f"a clip would have {num_frames} frames of {width_px}x{height_px} pixels: lower "
             "size_px, num_past or num_future"

@@ -30,8 +30,7 @@ class Expected:
 def _named(value: Any) -> Any:
     """Return the table of a component, which may be given by its name alone."""
     table = {"name": value} if isinstance(value, str) else value
-    name = table.get("name") if isinstance(table, Mapping) else getattr(table, "name", None)
-    if not isinstance(name, str):
+    if not isinstance(table, Mapping) or not isinstance(table.get("name"), str):
         raise ValueError('expected a table such as { name = "..." }')
     return table
 
