@@ -45,11 +45,11 @@ class SynSin(checkpoints.Pretrained):
 
     @property
     def input_note(self) -> str:
-        """One frame of any size; its depth network's own size."""
+        """Return the sizes of the frame and of the depth network's input."""
         architecture = self.load()[1].architecture
         size = (
             "works at the frames' own size on the last frame, its depth at "
-            f"{architecture.depth_px} methods"
+            f"{architecture.depth_px} px height"
         )
         return (
             size
