@@ -35,7 +35,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     width = None if chosen.width is None else layout.width_in(chosen.width)
-    wanted = layout.Layout((chosen.format,) if chosen.format else (), width, not chosen.no_title)
+    wanted = plots.Layout((chosen.format,) if chosen.format else (), width, not chosen.no_title)
     with progress_bar("plots", "figures") as progress:
         parts = Results(chosen.folder).by_dataset().values()
         figures = (

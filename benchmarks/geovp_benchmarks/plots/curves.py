@@ -1,9 +1,7 @@
-"""Metric over horizon: one line per method with its 95 % intervals, as bands or, of many lines, as
-bars; a legend.
-"""
+"""Curves over the horizon or over samples, one line per method, with 95 % intervals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -15,20 +13,17 @@ from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.plots import style
 from geovp_classic.types import FloatArray
 
-MOST_LINES = 12
-SIZE_IN = (4.6, 3.1)  # of the axes
-MOST_BANDS, BAR_SPACING = 3, 0.14  # lines with a band each; steps between the bars of more lines
-
 
 @dataclass(frozen=True)
 class Curve:
-    """A method's mean score per horizon step."""
+    """The mean score of a method per step."""
 
     label: str
     mean: FloatArray  # [F]
-    low: FloatArray  # [F], ends of the intervals; NaN where there is none
+    low: FloatArray  # [F], ends of the intervals; the mean where there is none
     high: FloatArray
-    num_clips: int  # how many have a value
+    num_clips: int  # that have a value
+    has_intervals: bool
     line: style.LineStyle
 
     @classmethod
@@ -40,22 +35,25 @@ class Curve:
         bounds: intervals.Bounds,
         line: style.LineStyle,
     ) -> Self:
-        """The curve of values of clips, with an interval at every step as tables have it."""
+        """Average values over clips, with the intervals of tables at all steps."""
         sequences = intervals.sequences_of(clips)
-        found = [intervals.interval(step, sequences, bounds=bounds) for step in values.T]
-        mean, low, high = np.array([(one.mean, one.low, one.high) for one in found]).T
-        return cls(label, mean, low, high, int(np.isfinite(values).sum(axis=0).max()), line)
+        steps = [intervals.interval(step, sequences, bounds=bounds) for step in values.T]
+        mean, low, high = np.array([(step.mean, step.low, step.high) for step in steps]).T
+        has_interval = np.isfinite(low)
+        num_clips = int(np.isfinite(values).sum(axis=0).max())
+        low, high = np.where(has_interval, low, mean), np.where(has_interval, high, mean)
+        return cls(label, mean, low, high, num_clips, bool(has_interval.any()), line)
 
     @property
     def steps(self) -> FloatArray:
-        """The horizon [F], 1..F."""
+        """Return the steps [F], 1..F."""
         return np.arange(1.0, len(self.mean) + 1)
 
-    @property
-    def band(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bound [F]; the mean itself where there is no interval."""
-        known = np.isfinite(self.low)
-        return np.where(known, self.low, self.mean), np.where(known, self.high, self.mean)
+    def equals(self, other: "Curve") -> bool:
+        """Return whether the two lines would cover each other."""
+        return self.mean.shape == other.mean.shape and np.allclose(
+            self.mean, other.mean, rtol=2e-3, equal_nan=True
+        )
 
 
 @dataclass(frozen=True)
@@ -64,91 +62,67 @@ class AxisLabels:
 
     title: str
     unit: str
-    higher_is_better: bool | None  # None: neither
-    step_s: float | None  # seconds from one horizon step to the next, None where clips differ
+    higher_is_better: bool | None
+    step_s: float | None  # seconds between two horizon steps, None where clips differ
     x_label: str = "horizon (frames)"
 
 
-def draw(curves: Sequence[Curve], labels: AxisLabels, heading: style.Heading) -> list[Figure]:
-    """One figure per dozen curves; those of the other pages stay as faint lines, and all pages
-    share their axes.
-    """
-    if len(curves) > MOST_LINES:
-        heading = replace(heading, subtitle=f"{heading.subtitle}, grey: other pages")
-    return [
-        _page(curves, labels, page, own)
-        for page, own in style.pages(len(curves), MOST_LINES, heading)
-    ]
-
-
-def draw_groups(
-    groups: Sequence[Sequence[Curve]], labels: AxisLabels, headings: Sequence[style.Heading]
-) -> list[Figure]:
-    """One figure per group of curves; those of the other groups are faint lines, and all figures
-    share their axes.
-    """
-    every = [curve for group in groups for curve in group]
-    ends = np.cumsum([len(group) for group in groups]).tolist()
-    parts = [slice(end - len(group), end) for group, end in zip(groups, ends, strict=True)]
-    return [
-        _page(every, labels, part, heading) for part, heading in zip(parts, headings, strict=True)
-    ]
-
-
-def _page(
-    curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: style.Heading
+def draw(
+    curves: Sequence[Curve],
+    labels: AxisLabels,
+    heading: style.Heading,
+    layout: style.Layout,
+    grey: Sequence[Curve] = (),
+    max_bands: int = 3,
 ) -> Figure:
-    figure, axes = style.single_axes(SIZE_IN, heading)
-    lines, names = [], []  # a label that begins with _ would be left out of the legend
+    """Draw the curves with a legend; grey curves give all strata the same axes.
+
+    Up to `max_bands` curves have bands; more curves have bars at two steps, beside one another.
+    """
+    figure, axes = layout.single_axes((4.8, 3.1), heading)
+    for curve in grey:
+        axes.plot(curve.steps, curve.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
+    lines = []
     for number, curve in enumerate(curves):
-        if not page.start <= number < page.stop:
-            axes.plot(curve.steps, curve.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
-            continue
-        every = [i for i, step in enumerate(curve.steps) if step == 1 or step % 5 == 0]
-        if len(curves[page]) <= MOST_BANDS:
-            axes.fill_between(
-                curve.steps, *curve.band, color=curve.line.colour, alpha=0.1, linewidth=0
-            )
-        else:  # bands over one another cannot be told apart
-            shift = BAR_SPACING * (number - page.start - (len(curves[page]) - 1) / 2)
-            low, high = (bound[every] for bound in curve.band)
-            axes.vlines(
-                curve.steps[every] + shift,
-                low,
-                high,
-                color=curve.line.colour,
-                linewidth=0.8,
-                alpha=0.6,
-            )
-        lines += axes.plot(curve.steps, curve.mean, **curve.line.kwargs(), markevery=every)
-        names.append(curve.label)
-    _set_axes(axes, curves, labels)
-    axes.legend(lines, names, loc="center left", bbox_to_anchor=(1.02, 0.5))
+        if len(curves) <= max_bands:
+            colour = curve.line.colour
+            axes.fill_between(curve.steps, curve.low, curve.high, color=colour, alpha=0.12, lw=0)
+        elif curve.has_intervals:
+            _add_bars(axes, curve, number - (len(curves) - 1) / 2)
+        num_below = sum(curve.equals(other) for other in curves[number + 1 :])
+        spacing = max(1, len(curve.steps) // 4)
+        width = 1.3 + 1.3 * num_below  # equal lines that are drawn later are thinner
+        marks = (number % spacing, spacing)
+        lines += axes.plot(curve.steps, curve.mean, **curve.line.kwargs(width), markevery=marks)
+    _set_axes(axes, [*curves, *grey], labels)
+    layout.add_legend(figure, lines, [curve.label for curve in curves])
     return figure
+
+
+def _add_bars(axes: Axes, curve: Curve, place: float) -> None:
+    """Add bars in the middle and at the end of the horizon, moved sideways by a place."""
+    last = len(curve.steps) - 1
+    at = sorted({last // 2, last})
+    x = curve.steps[at] + place * len(curve.steps) / 100
+    axes.vlines(x, curve.low[at], curve.high[at], color=curve.line.colour, lw=0.9, alpha=0.7)
 
 
 def _set_axes(axes: Axes, curves: Sequence[Curve], labels: AxisLabels) -> None:
     last = max(float(curve.steps[-1]) for curve in curves)
-    apart = 5 if last <= 50 else 10
-    ticks = [1.0, *np.arange(apart, last + 1, apart)] if last >= 5 else list(np.arange(1, last + 1))
-    axes.set_xlim(0.5, last * 1.02 + 0.5)
+    axes.set_xlim(0.5, last * 1.06 + 0.5)
+    spacing = 10 if last > 50 else 5 if last >= 5 else 1
+    ticks = [1.0, *np.arange(spacing, last + 1, spacing)] if spacing > 1 else curves[0].steps
     axes.set_xticks(ticks)
-    axes.set_xlabel(labels.x_label if labels.step_s is None else "horizon (frames; seconds)")
+    axes.set_xlabel(labels.x_label)
     if labels.step_s is not None:
+        axes.set_xlabel("horizon (frames; seconds)")
         axes.set_xticklabels([f"{step:.0f}\n{step * labels.step_s:.1f} s" for step in ticks])
-    arrow = {True: "    ↑ higher is better", False: "    ↓ lower is better", None: ""}[
-        labels.higher_is_better
-    ]
+    arrows = {True: "    ↑ higher is better", False: "    ↓ lower is better", None: ""}
     unit = f" ({labels.unit})" if labels.unit else ""
-    axes.set_ylabel(f"{labels.title}{unit}{arrow}")
-    axes.set_ylim(*_limits(curves))
-    axes.yaxis.set_major_locator(MaxNLocator(6))
-
-
-def _limits(curves: Sequence[Curve]) -> tuple[float, float]:
-    """The range of all bands with a margin; at least 0 when no mean is negative."""
-    low = min(np.nanmin(curve.band[0]) for curve in curves)
-    high = max(np.nanmax(curve.band[1]) for curve in curves)
+    axes.set_ylabel(f"{labels.title}{unit}{arrows[labels.higher_is_better]}")
+    low = min(float(np.nanmin(curve.low)) for curve in curves)
+    high = max(float(np.nanmax(curve.high)) for curve in curves)
     margin = 0.05 * (high - low) or 0.5
-    floor = 0.0 if min(np.nanmin(curve.mean) for curve in curves) >= 0 else -np.inf
-    return max(float(low - margin), floor), float(high + margin)
+    is_positive = all(np.nanmin(curve.mean) >= 0 for curve in curves)
+    axes.set_ylim(max(low - margin, 0.0) if is_positive else low - margin, high + margin)
+    axes.yaxis.set_major_locator(MaxNLocator(6))

@@ -1,164 +1,178 @@
-"""Curves over the horizon, and over the number of samples to choose from, from stored rows."""
+"""Curves over the horizon, and over the number of samples, from stored scores."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots import curves, style
-from geovp_benchmarks.plots.material import Material, Page, numbered, title
+from geovp_benchmarks.plots.material import Material, Page, page, title
 from geovp_benchmarks.results.store import Cell
 from geovp_benchmarks.results.stored_facts import bounds, higher_is_better
 
-_Line = tuple[
-    str, Cell, statistics.Reduction, style.LineStyle
-]  # one curve of every figure over horizon
+
+@dataclass(frozen=True)
+class Line:
+    """The scores that one curve shows."""
+
+    label: str
+    key: tuple[str, str]  # decides the style: pose source and renderer
+    method: Cell
+    reduce: statistics.Reduction
 
 
 def metrics(material: Material) -> list[str]:
-    """The metrics that have values at several steps (or at all, where there is but one), in the
-    protocol's order.
+    """Return the metrics with a unit that have values at several steps.
 
-    Metrics of a pixel set come last; a metric without a unit in the protocol is left out.
+    They have the order of the protocol; metrics over sets of pixels come last.
     """
-    known: dict[str, set[int]] = {}
-    for rows in material.rows.values():
-        for metric in rows.metric.categories:
-            steps = rows.where(rows.metric.among((metric,)) & ~np.isnan(rows.value)).step
-            known.setdefault(metric, set()).update(steps.tolist())
-    explained = [name for name, about in material.protocol["metrics"].items() if "unit" in about]
-    enough = min(2, material.protocol["num_future"])
-    found = [metric for metric, steps in known.items() if len(steps) >= enough]
-    found = [metric for metric in found if metric.partition("@")[0] in explained]
-    return sorted(
-        found, key=lambda metric: ("@" in metric, explained.index(metric.partition("@")[0]))
-    )
+    steps: dict[str, set[int]] = {}
+    for scores in material.rows.values():
+        finite = scores.where(~np.isnan(scores.value))
+        for metric in finite.metric.categories:
+            values = finite.of_metrics((metric,)).step.tolist()
+            steps.setdefault(metric, set()).update(values)
+    facts = material.protocol["metrics"]
+    min_steps = min(2, material.protocol["num_future"])
+    names = []
+    for name, about in facts.items():
+        if "unit" in about:
+            names += [key for key in steps if key.partition("@")[0] == name]
+    names = [name for name in names if len(steps[name]) >= min_steps]
+    return sorted(names, key=lambda name: "@" in name)
 
 
-def pages(material: Material, metric: str) -> list[Page]:
-    """The figures of one metric; over sets of pixels, which are many, as svg alone."""
-    shown = _curves(material, metric)
-    heading = style.Heading(f"{title(metric)} over horizon", _over(material, shown))
+def pages(material: Material, metric: str, layout: style.Layout) -> list[Page]:
+    """Draw one metric over the horizon; over sets of pixels as svg only."""
+    lines = _curves(material, metric)
+    shown = _limited(lines, material, metric, layout)
+    subtitle = _subtitle(material, shown, len(lines))
+    heading = style.Heading(f"{title(metric)} over horizon", subtitle)
+    figure = curves.draw(shown, _labels(material, metric), heading, layout)
     formats = ("svg",) if "@" in metric else ("png", "svg")
-    return numbered(
-        "horizon",
-        metric,
-        metric,
-        heading,
-        curves.draw(shown, _labels(material, metric), heading),
-        formats,
-    )
+    return [page("horizon", metric, metric, heading, figure, formats)]
 
 
-def stratum_pages(parts: Mapping[str, Material], by: str, metric: str) -> list[Page]:
-    """One figure per stratum with the curves of all strata behind its own, so that all have the
-    same axes.
-    """
-    found = {label: (material, _curves(material, metric)) for label, material in parts.items()}
-    found = {label: (material, shown) for label, (material, shown) in found.items() if shown}
-    headings = [
-        style.Heading(f"{title(metric)} over horizon: {label}", _over(*own) + ", grey: other clips")
-        for label, own in found.items()
-    ]
-    labels = _labels(next(iter(parts.values())), metric)
-    figures = curves.draw_groups([shown for _, shown in found.values()], labels, headings)
-    return [
-        page
-        for number, (heading, figure) in enumerate(zip(headings, figures, strict=True), 1)
-        for page in numbered("strata", f"{by}-{number}-{metric}", metric, heading, [figure])
-    ]
+def stratum_pages(
+    strata: Mapping[str, Material], by: str, metric: str, layout: style.Layout
+) -> list[Page]:
+    """Draw one figure per stratum, with the curves of the other strata in grey."""
+    shown = {}
+    for label, material in strata.items():
+        lines = _limited(_curves(material, metric), material, metric, layout)
+        if lines:
+            shown[label] = lines
+    drawn = []
+    for number, (label, lines) in enumerate(shown.items(), 1):
+        material = strata[label]
+        subtitle = _subtitle(material, lines, len(lines)) + ", grey: other clips"
+        heading = style.Heading(f"{title(metric)} over horizon: {label}", subtitle)
+        grey = [line for other, rest in shown.items() if other != label for line in rest]
+        labels = replace(_labels(material, metric), step_s=next(iter(strata.values())).step_s)
+        figure = curves.draw(lines, labels, heading, layout, grey)
+        drawn.append(page("strata", f"{by}-{number}-{metric}", metric, heading, figure))
+    return drawn
+
+
+def sample_pages(material: Material, metric: str, layout: style.Layout) -> list[Page]:
+    """Draw the expected best score of k samples over k, where it is defined."""
+    facts = material.protocol["metrics"][metric]
+    higher = higher_is_better(metric, facts)
+    if higher is None:
+        return []
+    cubes = {}
+    for method in material.cells:
+        cube = statistics.cube(material.rows[method.name], metric)
+        if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
+            cubes[method.label] = cube
+    styles = style.line_styles([(label, "") for label in cubes])
+    shown = []
+    for (label, cube), line in zip(cubes.items(), styles, strict=True):
+        best = statistics.expected_best(cube, higher)
+        shown.append(curves.Curve.of(label, best, cube.clips, bounds(metric, facts), line))
+    if not shown:
+        return []
+    shown = _limited(shown, material, metric, layout)
+    labels = replace(_labels(material, metric), step_s=None, x_label="number of samples k")
+    subtitle = f"{material.data}: selected by the real future; mean over sets of k and over clips"
+    heading = style.Heading(f"{title(metric)} of the best of k samples", subtitle)
+    return [page("samples", metric, metric, heading, curves.draw(shown, labels, heading, layout))]
 
 
 def _curves(material: Material, metric: str) -> list[curves.Curve]:
-    """One curve per line that has values; those of fewer clips than the others say so."""
+    """Return one curve per line that has values; a label says where clips are missing."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    higher, shown = higher_is_better(metric, facts), []
-    for label, cell, reduce, line in _lines(material.cells, facts["role"]):
-        cube = statistics.cube(material.rows[cell.name], metric)
-        has_best = higher is not None or reduce is not statistics.best_of_samples
-        if has_best and np.isfinite(cube.values).any():
-            shown.append(
-                curves.Curve.of(
-                    label, reduce(cube, higher), cube.clips, bounds(metric, facts), line
-                )
-            )
+    higher = higher_is_better(metric, facts)
+    lines = _lines(material.cells, is_trajectory=facts["role"] == "trajectory")
+    shown = []
+    for line, look in zip(lines, style.line_styles([line.key for line in lines]), strict=True):
+        cube = statistics.cube(material.rows[line.method.name], metric)
+        is_defined = higher is not None or line.reduce is not statistics.best_of_samples
+        if is_defined and np.isfinite(cube.values).any():
+            values = line.reduce(cube, higher)
+            ends = bounds(metric, facts)
+            shown.append(curves.Curve.of(line.label, values, cube.clips, ends, look))
     most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):
         if curve.num_clips < most:
-            shown[number] = replace(
-                curve, label=f"{curve.label} (only {curve.num_clips} of {most} clips)"
-            )
+            label = f"{curve.label} (only {curve.num_clips} of {most} clips)"
+            shown[number] = replace(curve, label=label)
     return shown
 
 
-def _over(material: Material, shown: Sequence[curves.Curve]) -> str:
-    """What the curves are means over."""
+def _limited(
+    shown: list[curves.Curve], material: Material, metric: str, layout: style.Layout
+) -> list[curves.Curve]:
+    """Return the best curves, at most as many as can be told apart, in their order."""
+    if len(shown) <= layout.max_lines:
+        return shown
+    facts = material.protocol["metrics"][metric.partition("@")[0]]
+    sign = {True: -1.0, False: 1.0, None: 0.0}[higher_is_better(metric, facts)]
+    ranked = sorted(shown, key=lambda curve: sign * float(np.nanmean(curve.mean)))
+    best = {curve.label for curve in ranked[: layout.max_lines]}
+    return [curve for curve in shown if curve.label in best]
+
+
+def _subtitle(material: Material, shown: Sequence[curves.Curve], num_lines: int) -> str:
+    """Say what the curves are means over, and which lines are missing."""
     most = max(curve.num_clips for curve in shown)
-    return f"{material.data}: mean of {most} clip{'s' * (most != 1)}{_intervals(shown)}"
-
-
-def _intervals(shown: Sequence[curves.Curve]) -> str:
-    """How the curves' intervals are drawn, if there are any."""
-    words = (
-        f", {'bands' if len(shown) <= curves.MOST_BANDS else 'bars'}: 95 % intervals (block "
-        "bootstrap)"
-    )
-    return words * any(np.isfinite(curve.low).any() for curve in shown)
+    words = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
+    if any(curve.has_intervals for curve in shown):
+        words += ", with 95 % intervals (block bootstrap)"
+    if len(shown) < num_lines:
+        words += f"; the best {len(shown)} of {num_lines} lines (--methods selects others)"
+    return words
 
 
 def _labels(material: Material, metric: str) -> curves.AxisLabels:
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    return curves.AxisLabels(
-        title(metric), facts["unit"], higher_is_better(metric, facts), material.step_s
-    )
+    higher = higher_is_better(metric, facts)
+    return curves.AxisLabels(title(metric), facts["unit"], higher, material.step_s)
 
 
-def sample_pages(material: Material, metric: str) -> list[Page]:
-    """The expected best score of k samples, over k; none where no cell has several, or no score is
-    the better one.
+def _lines(methods: Sequence[Cell], *, is_trajectory: bool) -> list[Line]:
+    """Return a line per method, or per pose source; with several samples their mean and best.
+
+    Styles do not depend on which lines have values, so that all figures agree.
     """
-    facts = material.protocol["metrics"][metric]
-    higher, found = higher_is_better(metric, facts), []
-    if higher is None:
-        return []
-    for cell in (cell for cell in material.cells if cell.num_samples > 1):
-        cube = statistics.cube(material.rows[cell.name], metric)
-        if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
-            found.append((cell.label, cube.clips, statistics.expected_best(cube, higher)))
-    if not found:
-        return []
-    styles, ends = style.line_styles([(label, "") for label, *_ in found]), bounds(metric, facts)
-    shown = [
-        curves.Curve.of(label, best, clips, ends, line)
-        for (label, clips, best), line in zip(found, styles, strict=True)
-    ]
-    labels = replace(_labels(material, metric), step_s=None, x_label="samples to choose from")
-    heading = style.Heading(
-        f"{title(metric)} of the best of k samples",
-        f"{material.data}: selected by the real future; mean over sets of k and over "
-        f"clips{_intervals(shown)}",
-    )
-    return numbered("samples", metric, metric, heading, curves.draw(shown, labels, heading))
-
-
-def _lines(cells: Sequence[Cell], role: str) -> list[_Line]:
-    """One line per cell, or per pose source for a trajectory metric; two (mean and best) where
-    there are samples.
-
-    Colours and dashes do not depend on which of the lines have values, so that all figures agree.
-    """
-    found: dict[tuple[str, str], tuple[str, Cell, statistics.Reduction]] = {}
-    for cell in cells:
-        first, second = cell.pose_source or cell.label, cell.renderer or ""
-        label = cell.label
-        if role == "trajectory":
-            label, second = first, ""
-        count = cell.num_samples
-        mean = label if count == 1 else f"{label}, mean of {count}"
-        found.setdefault((first, second), (mean, cell, statistics.mean_of_samples))
+    lines: dict[tuple[str, str], Line] = {}
+    for method in methods:
+        first, second, label = (
+            method.pose_source or method.label,
+            method.renderer or "",
+            method.label,
+        )
+        if is_trajectory:
+            second, label = "", first
+        count = method.num_samples
+        reductions = {"": statistics.mean_of_samples}
         if count > 1:
-            best = (f"{label}, best of {count}", cell, statistics.best_of_samples)
-            found.setdefault((first, f"{second}, best"), best)
-    styles = style.line_styles(list(found))
-    return [(*facts, line) for facts, line in zip(found.values(), styles, strict=True)]
+            reductions = {
+                f", mean of {count}": statistics.mean_of_samples,
+                f", best of {count}": statistics.best_of_samples,
+            }
+        for suffix, reduce in reductions.items():
+            key = (first, second + suffix)
+            lines.setdefault(key, Line(label + suffix, key, method, reduce))
+    return list(lines.values())

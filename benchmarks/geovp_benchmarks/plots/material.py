@@ -38,10 +38,7 @@ class Material:
 
     @classmethod
     def read(cls, results: Results, choice: Choice = EVERYTHING) -> Self:
-        """Read everything but images.
-
-        BadData when the folder holds no results, or no method that was chosen.
-        """
+        """Read everything but images; raise BadData without results or without a named method."""
         protocol = results.protocol()
         cells = choice.cells(results.cells())
         ran = [cell for cell in cells if cell.status in ("done", "partial")]
@@ -51,38 +48,32 @@ class Material:
 
     @property
     def data(self) -> str:
-        """The data set and its split, for people."""
+        """Return the data set and its split."""
         return stored_facts.data_name(self.protocol)
 
 
 def title(metric: str) -> str:
-    """A metric's name as a heading."""
+    """Return the name of a metric as a heading."""
     name = stored_facts.title(metric)
     return name[:1].upper() + name[1:]
 
 
-def numbered(
+def page(
     kind: str,
     name: str,
     subject: str,
     heading: style.Heading,
-    figures: Sequence[Figure],
+    figure: Figure,
     formats: tuple[str, ...] = ("png", "svg"),
-) -> list[Page]:
-    """The pages of one plot; `name` may hold any letters."""
-    stem = f"{kind}-{re.sub('[^A-Za-z0-9]+', '-', name).strip('-').lower()}"
+) -> Page:
+    """Return the page of a figure; `name` may hold any characters."""
+    stem = re.sub("[^A-Za-z0-9]+", "-", name).strip("-").lower()
     caption = f"{heading.title}. {heading.subtitle}."
-    many = len(figures) > 1
-    return [
-        Page(stem + f"-{n}" * many, kind, subject, caption, figure, formats)
-        for n, figure in enumerate(figures, 1)
-    ]
+    return Page(f"{kind}-{stem}", kind, subject, caption, figure, formats)
 
 
 def _step_s(results: Results, num_past: int) -> float | None:
-    """The seconds between two horizon steps, from the kept clips; None when they differ by more
-    than a tenth.
-    """
+    """Return the seconds between two horizon steps of kept clips; None if they vary by 10 %."""
     clips = [results.clip(name) for name, _ in results.clips()]
     steps_s = [np.diff(clip.times_s[num_past - 1 :]).mean() for clip in clips]
     if not steps_s or max(steps_s) > 1.1 * min(steps_s):

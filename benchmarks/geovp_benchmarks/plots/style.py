@@ -1,18 +1,17 @@
-"""The look of all figures: colours for the colour-blind, dashes and markers that survive grey
-print.
-"""
+"""The look of figures: colours for the colour-blind, dashes and markers that survive grey print."""
 
-import itertools
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+SHEET = Path(__file__).with_name("geovp.mplstyle")
 PRINT_DPI = 300
-TITLE = "title"  # what the heading above the axes is marked with
 INK = "#222222"
 FAINT = "#8a8a8a"
 RULE = "#d9d9d9"
@@ -30,8 +29,7 @@ COLOURS = (
 )
 Dash = tuple[float, tuple[float, ...] | None]
 DASHES: tuple[Dash, ...] = ((0, None), (0, (5, 1.6)), (0, (1, 1.3)), (0, (6, 1.5, 1, 1.5)))
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-SHEET = Path(__file__).with_name("geovp.mplstyle")
+MARKERS = "os^DvPX"
 
 
 @dataclass(frozen=True)
@@ -43,13 +41,8 @@ class LineStyle:
     marker: str
 
     def kwargs(self, width: float = 1.4) -> dict[str, Any]:
-        """The keyword arguments of `Axes.plot`."""
-        marker = {
-            "marker": self.marker,
-            "markersize": 4,
-            "markeredgecolor": "white",
-            "markeredgewidth": 0.5,
-        }
+        """Return the keyword arguments of `Axes.plot`."""
+        marker = {"marker": self.marker, "markersize": 4, "markeredgecolor": "white"}
         return {"color": self.colour, "linestyle": self.dash, "linewidth": width, **marker}
 
 
@@ -57,24 +50,27 @@ GROUND_TRUTH = LineStyle("#000000", DASHES[0], MARKERS[0])
 
 
 def line_styles(keys: Sequence[tuple[str, str]]) -> list[LineStyle]:
-    """One style per pair such as (pose source, renderer); all differ for up to 252 of them.
+    """Return one style per pair such as (pose source, renderer); up to 252 of them differ.
 
-    Where pairs share their first part, colour encodes the first part, dash and marker the second;
-    otherwise all three change from line to line.
+    Where pairs have first names in common, colour encodes the first name, dash and marker the
+    second; otherwise all three change from line to line.
     """
     firsts, seconds = _ranks(first for first, _ in keys), _ranks(second for _, second in keys)
-    crossed = (
-        len(firsts) < len(keys)
-        and len(firsts) <= len(COLOURS)
-        and len(seconds) <= len(DASHES) * len(MARKERS)
-    )
-    pairs = [(firsts[a], seconds[b]) if crossed else (i, i) for i, (a, b) in enumerate(keys)]
-    return [
-        LineStyle(
-            COLOURS[hue % len(COLOURS)], DASHES[form % len(DASHES)], MARKERS[form % len(MARKERS)]
+    has_common_names = len(firsts) < len(keys)
+    has_enough = len(firsts) <= len(COLOURS) and len(seconds) <= len(DASHES) * len(MARKERS)
+    styles = []
+    for number, (first, second) in enumerate(keys):
+        colour, form = number, number
+        if has_common_names and has_enough:
+            colour, form = firsts[first], seconds[second]
+        styles.append(
+            LineStyle(
+                COLOURS[colour % len(COLOURS)],
+                DASHES[form % len(DASHES)],
+                MARKERS[form % len(MARKERS)],
+            )
         )
-        for hue, form in pairs
-    ]
+    return styles
 
 
 @dataclass(frozen=True)
@@ -85,44 +81,40 @@ class Heading:
     subtitle: str
 
 
-def single_axes(
-    size_in: tuple[float, float], heading: Heading, dpi: float = PRINT_DPI, pad_pt: float = 6
-) -> tuple[Figure, Axes]:
-    """A figure with axes of the given size; titles are added above it, and labels and a legend may
-    be around it.
-    """
-    figure = Figure(figsize=size_in, dpi=dpi)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_title(heading.subtitle, loc="left", fontsize=7.5, color=FAINT, pad=pad_pt)
-    title_pt: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(
-        heading.title,
-        (0, 1),
-        (0, pad_pt + 12),
-        **title_pt,
-        fontsize=9.5,
-        weight="bold",
-        color=INK,
-        gid=TITLE,
-    )
-    return figure, axes
+@dataclass(frozen=True)
+class Layout:
+    """File formats and the size of figures; fonts keep their size in points."""
 
+    formats: tuple[str, ...] = ()  # empty: the formats of each figure
+    width_in: float | None = None  # of the file; None: the width of each kind of figure
+    with_title: bool = True
+    max_lines: int = 12  # more cannot be told apart
+    letters_per_in: float = 20.0  # of the sans-serif font at 7.5 points
 
-def pages(count: int, most: int, heading: Heading) -> list[tuple[slice, Heading]]:
-    """As few pages of at most `most` rows as needed, which share `count` rows evenly, with the
-    pages' headings.
-    """
-    number = max(1, -(-count // most))
-    edges = [round(i * count / number) for i in range(number + 1)]
-    titles = [
-        f"{heading.title} ({n} of {number})" if number > 1 else heading.title
-        for n in range(1, number + 1)
-    ]
-    rows = itertools.pairwise(edges)
-    return [
-        (slice(*ends), Heading(title, heading.subtitle))
-        for ends, title in zip(rows, titles, strict=True)
-    ]
+    def single_axes(self, default_in: tuple[float, float], heading: Heading) -> tuple[Figure, Axes]:
+        """Create a figure with its titles, which keeps all text inside its edges."""
+        width_in = self.width_in or default_in[0]
+        figure = Figure((width_in, default_in[1]), dpi=PRINT_DPI, layout="constrained")
+        axes = figure.add_subplot()
+        if self.with_title:
+            figure.suptitle(self._wrapped(heading.title, width_in, 0.6), x=0.01, ha="left")
+            subtitle = self._wrapped(heading.subtitle, width_in)
+            axes.set_title(subtitle, loc="left", color=FAINT)
+        return figure, axes
+
+    def add_legend(self, figure: Figure, lines: Sequence[Artist], labels: Sequence[str]) -> None:
+        """Place a legend below the axes and make the figure higher by the size of the legend."""
+        width_in, height_in = figure.get_size_inches()
+        handle_in = 0.6
+        longest_in = handle_in + max(map(len, labels), default=0) / self.letters_per_in
+        num_columns = max(1, int(width_in / longest_in))
+        names = [self._wrapped(label, width_in - handle_in, 1.0) for label in labels]
+        figure.legend(lines, names, loc="outside lower left", ncols=num_columns)
+        num_lines = sum(name.count("\n") + 1 for name in names) / num_columns + 1
+        figure.set_size_inches(width_in, height_in + 0.155 * num_lines)
+
+    def _wrapped(self, text: str, width_in: float, scale: float = 0.8) -> str:
+        return textwrap.fill(text, max(8, int(width_in * self.letters_per_in * scale)))
 
 
 def _ranks(words: Iterable[str]) -> dict[str, int]:

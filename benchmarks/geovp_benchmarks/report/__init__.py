@@ -1,36 +1,98 @@
-"""One self-contained HTML page about a results folder: scores, figures, settings, and the status of
-each cell.
-"""
+"""One self-contained HTML page about a results folder: findings, scores, figures and films."""
+
+import base64
+import json
+from pathlib import Path
+
+import jinja2
 
 from geovp_benchmarks import plots
+from geovp_benchmarks.analysis import confidence
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
-from geovp_benchmarks.report import films, markup, sections
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.report import films, findings
+from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.stored_facts import MARKS, higher_is_better, summary, title
 from geovp_benchmarks.tables import tables
+from geovp_benchmarks.tables.explanation import flat
+from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 from geovp_classic.data.atomic import write_bytes
 
 
-def write(results: Results, progress: Progress = no_progress, against: str | None = None) -> None:
-    """Write the results folder's plots and report.html; BadData when the folder holds no results.
+def write(
+    results: Results,
+    progress: Progress = no_progress,
+    against: str | None = None,
+    choice: Choice = EVERYTHING,
+) -> None:
+    """Write the plots and report.html of a results folder; raise BadData without results.
 
-    With the name of a row also the differences of all others from it, and which of them are
-    significant.
+    `against` names the method that all others are compared with.
     """
-    compared = None if against is None else tables.against(results, against)
-    figures = sections.EmbeddedFigure.all(plots.write_all(results, progress))
-    protocol, cells = results.protocol(), results.cells()
-    chapters = {
-        "Scores": sections.scores(tables.build(results), compared),
-        "Over the horizon": sections.horizon(figures),
-        "Confidence": sections.confidence(results),
-        "Clips": films.browser(Material.read(results), sections.paths(figures)),
-        "Methods": sections.methods(cells, len(protocol["clips"])),
-        "Protocol": sections.protocol(protocol),
-    }
-    filled = {title: content for title, content in chapters.items() if content}
-    body = [
-        sections.opening(protocol, cells, filled),
-        *(sections.chapter(*each) for each in filled.items()),
+    protocol = results.protocol()
+    scores = tables.build(results, choice=choice)
+    headline = findings.Headline.of(scores[0], protocol)
+    figures = [
+        (page, content)
+        for page, files in plots.write_all(results, progress, choice=choice)
+        for path, content in files.items()
+        if path.suffix == ".svg"
     ]
-    write_bytes(results.report, markup.page(str(protocol["name"]), *body).encode())
+    html = (
+        environment()
+        .get_template("report.html")
+        .render(
+            protocol=protocol,
+            summary=summary(protocol),
+            cells=choice.cells(results.cells()),
+            findings=headline.sentences(against or "copy-last"),
+            headline=headline,
+            scores=scores,
+            against=tables.against(results, against, choice=choice) if against else None,
+            figures=figures,
+            clips=films.shown_clips(Material.read(results, choice), headline),
+            step_s=Material.read(results, choice).step_s,
+            confidence=confidences(results),
+        )
+    )
+    write_bytes(results.report, html.encode())
+
+
+def environment() -> jinja2.Environment:
+    """Return the templates of this folder, which escape all values."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["base64"] = lambda content: base64.b64encode(content).decode()
+    templates.filters["toml"] = settings_as_toml
+    templates.filters["inputs"] = privileged_inputs
+    return templates
+
+
+def confidences(results: Results) -> tuple[str, list[confidence.Ranking]]:
+    """Return the first frame metric and how well each method's confidence ranks its errors."""
+    for name, facts in results.protocol()["metrics"].items():
+        if facts["role"] == "frame" and higher_is_better(name, facts) is not None:
+            return title(name), confidence.rankings(results, name)
+    return "", []
+
+
+def settings_as_toml(cell: Cell) -> str:
+    """Format the resolved components as they stand in a matrix file."""
+    blocks = []
+    for role, settings in cell.components.items():
+        name = cell.record.get(role) or cell.name
+        lines = [
+            f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in flat(settings)
+        ]
+        blocks.append("\n".join([f"[{role}s.{json.dumps(name)}]", *lines]))
+    return "\n\n".join(blocks)
+
+
+def privileged_inputs(cell: Cell) -> str:
+    """Name the privileged inputs of a method."""
+    return ", ".join(MARKS[name][1] for name in cell.privileged_inputs) or "none"

@@ -1,9 +1,8 @@
-"""The kept clips as films side by side: one image of all frames a row, which the page's script
-shows one by one.
-"""
+"""The kept clips as films: one image that holds all frames of a method side by side."""
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -12,151 +11,86 @@ from PIL import Image
 from geovp_benchmarks.plots import kept_clips
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.strips import INPAINTED
-from geovp_benchmarks.plots.video import HORIZONS
-from geovp_benchmarks.report.markup import Html, data_url, joined, tag
-from geovp_classic.types import BoolArray, ByteArray, Clip
-
-TRUTH = "ground truth"
-MEANS = "The numbers under a film are means over all predicted frames of the clip."
-WIDTH_PX, QUALITY = 144, 60  # of a frame in the page
-FIRST_SHOWN = 10  # step; all films show the same image at step 0
+from geovp_benchmarks.report.findings import Headline
+from geovp_classic.types import BoolArray, ByteArray
 
 
-def browser(material: Material, figures: Mapping[str, Sequence[Html]]) -> Html:
-    """A choice of clips and, for each, the films of all rows from the last observed frame on,
-    strips, and paths.
-    """
-    kept = [name for name, _ in material.results.clips()]
-    selection = material.protocol.get("kept") or {"by": "", "clips": []}
-    chosen = [name for name in selection["clips"] if name in kept]
-    names = [*chosen, *(name for name in kept if name not in chosen)]
-    clips = [(name, _films(material, material.results.clip(name))) for name in names]
-    if not any(films for _, films in clips):
-        return Html("")
-    shown = [_clip(material, name, films, figures.get(name, ())) for name, films in clips]
-    return joined(
-        (
-            _controls(material, names, chosen, selection["by"]),
-            tag("p", MEANS, class_="notes"),
-            *shown,
-        )
-    )
+@dataclass(frozen=True)
+class Film:
+    """The last observed frame and all future frames of a method, or of the ground truth."""
+
+    name: str
+    notes: Sequence[str]
+    num_frames: int
+    aspect_ratio: float
+    image: bytes  # WebP
+    mask: bytes | None  # PNG that tints inpainted pixels
 
 
-def film(frames: ByteArray) -> bytes:
-    """The frames [K, H, W, 3] from left to right as WebP."""
-    return _encoded(
-        Image.fromarray(np.concatenate([_small(frame) for frame in frames], axis=1)), "WEBP"
-    )
+@dataclass(frozen=True)
+class ShownClip:
+    """A kept clip with its films; the first film is the ground truth."""
+
+    name: str
+    score: str  # of the best method
+    films: Sequence[Film]
 
 
-def mask(covered: BoolArray) -> bytes:
-    """The pixels [K, H, W] that are not covered, from left to right, as PNG that is transparent
-    elsewhere.
-    """
-    inpainted = [
-        cv2.threshold(_small(np.uint8(255) * ~one), 127, 1, cv2.THRESH_BINARY)[1] for one in covered
-    ]
-    image = Image.fromarray(np.concatenate(inpainted, axis=1), "P")
-    image.putpalette([0, 0, 0, *(int(one) for one in INPAINTED)])
-    return _encoded(image, "PNG")
+def shown_clips(material: Material, headline: Headline) -> list[ShownClip]:
+    """Return the kept clips that have predictions, those with the worst score first."""
+    names = [name for name, _ in material.results.clips()]
+    is_higher_better = headline.column is None or headline.column.higher_is_better
+    sign = 1.0 if is_higher_better else -1.0
+    names.sort(key=lambda name: np.nan_to_num(sign * headline.score(name), nan=np.inf))
+    clips = [ShownClip(name, headline.score_text(name), _films(material, name)) for name in names]
+    return [clip for clip in clips if len(clip.films) > 1]
 
 
-def _films(material: Material, clip: Clip) -> list[Html]:
-    past = material.protocol["num_past"]
-    last, films = clip.frames[past - 1 : past], []
+def encode_film(frames: ByteArray, width_px: int = 208, quality: int = 60) -> bytes:
+    """Encode frames [K, H, W, 3] from left to right as WebP, each at most `width_px` wide."""
+    sheet = np.concatenate([_small(frame, width_px) for frame in frames], axis=1)
+    buffer = io.BytesIO()
+    Image.fromarray(sheet).save(buffer, "WEBP", quality=quality)
+    return buffer.getvalue()
+
+
+def encode_mask(covered: BoolArray, width_px: int = 208) -> bytes:
+    """Encode uncovered pixels [K, H, W] from left to right as PNG, transparent elsewhere."""
+    inpainted = np.where(covered, np.uint8(0), np.uint8(255))
+    sheet = np.concatenate([_small(frame, width_px) > 127 for frame in inpainted], axis=1)
+    image = Image.fromarray(sheet.astype(np.uint8), "P")
+    image.putpalette([0, 0, 0, *INPAINTED])
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", transparency=0, bits=1)
+    return buffer.getvalue()
+
+
+def _films(material: Material, name: str) -> list[Film]:
+    clip, past = material.results.clip(name), material.protocol["num_past"]
+    films = [_film("ground truth", [], clip.frames[past - 1 :])]
     for cell in material.cells:
-        if clip.name not in dict(material.results.predictions(cell.name)):
+        if name not in dict(material.results.predictions(cell.name)):
             continue
-        prediction = material.results.prediction(cell.name, clip.name)
+        prediction = material.results.prediction(cell.name, name)
+        frames = np.concatenate([clip.frames[past - 1 : past], prediction.frames[0]])
         covered = None
         if prediction.covered is not None and not prediction.covered[0].all():
-            covered = np.concatenate(
-                [np.ones((1, *prediction.covered.shape[2:]), bool), prediction.covered[0]]
-            )
-        notes = kept_clips.notes(material, cell, clip.name, len(prediction.frames))
-        films.append(
-            _figure(cell.label, notes, np.concatenate([last, prediction.frames[0]]), covered)
-        )
-    return [_figure(TRUTH, [], clip.frames[past - 1 :], None), *films] if films else []
+            covered = np.pad(prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
+        notes = kept_clips.notes(material, cell, name, len(prediction.frames))
+        films.append(_film(cell.label, notes, frames, covered))
+    return films
 
 
-def _figure(label: str, notes: Sequence[str], frames: ByteArray, covered: BoolArray | None) -> Html:
-    images = [
-        tag(
-            "img",
-            src=data_url(film(frames), "webp"),
-            alt=f"{label}: all frames, from left to right",
-        )
-    ]
-    if covered is not None:
-        images.append(tag("img", src=data_url(mask(covered), "png"), alt="", class_="mask"))
-    height_px, width_px = frames.shape[1:3]
-    frame = tag("div", *images, class_="frame", style=f"aspect-ratio:{width_px}/{height_px}")
-    caption = tag("figcaption", label, *(tag("small", note) for note in notes))
-    row = {} if label == TRUTH else {"data_row": label}
-    return tag(
-        "figure",
-        frame,
-        caption,
-        class_="film",
-        data_name=label,
-        data_frames=str(len(frames)),
-        **row,
-    )
+def _film(
+    name: str, notes: Sequence[str], frames: ByteArray, covered: BoolArray | None = None
+) -> Film:
+    num_frames, height_px, width_px = frames.shape[:3]
+    mask = None if covered is None else encode_mask(covered)
+    return Film(name, notes, num_frames, width_px / height_px, encode_film(frames), mask)
 
 
-def _clip(material: Material, name: str, films: Sequence[Html], figures: Sequence[Html]) -> Html:
-    steps = [k for k in HORIZONS if k <= material.protocol["num_future"]]
-    strips = tag("div", class_="strips", data_steps=" ".join(map(str, steps)))
-    folded = tag("details", tag("summary", "Film strips"), strips, class_="script")
-    below = tag("details", tag("summary", "Paths"), *figures) if figures else ""
-    return tag(
-        "div", tag("h3", name), tag("div", *films, class_="films"), folded, below, class_="clip"
-    )
-
-
-def _controls(material: Material, names: Sequence[str], chosen: Sequence[str], by: str) -> Html:
-    """What the script listens to; without it, all clips are shown, and films as their
-    first frames.
-    """
-    options = [tag("option", name) for name in names]
-    groups: Iterator[Html] = iter(options)
-    if chosen:
-        groups = (
-            tag("optgroup", *part, label=label)
-            for label, part in ((by, options[: len(chosen)]), ("others", options[len(chosen) :]))
-            if part
-        )
-    last = str(material.protocol["num_future"])
-    first = str(min(FIRST_SHOWN, material.protocol["num_future"]))
-    step_s = "" if material.step_s is None else str(material.step_s)
-    return tag(
-        "div",
-        tag("label", "clip ", tag("select", *groups, id="clip")),
-        tag("button", "play", id="play", type="button"),
-        tag(
-            "label", "frame ", tag("input", type="range", id="step", min="0", max=last, value=first)
-        ),
-        tag("output", "", id="when", data_step_s=step_s),
-        tag("label", tag("input", type="checkbox", id="inpainted"), " mark inpainted pixels"),
-        class_="bar script",
-    )
-
-
-def _small(image: ByteArray) -> ByteArray:
-    """At most WIDTH_PX wide."""
-    scale = min(1.0, WIDTH_PX / image.shape[1])
+def _small(image: ByteArray, width_px: int) -> ByteArray:
+    """Shrink an image to a width."""
+    scale = min(1.0, width_px / image.shape[1])
     size_px = round(image.shape[1] * scale), max(1, round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size_px, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _encoded(image: Image.Image, kind: str) -> bytes:
-    buffer = io.BytesIO()
-    options = (
-        {"quality": QUALITY, "method": 4}
-        if kind == "WEBP"
-        else {"transparency": 0, "bits": 1, "optimize": True}
-    )
-    image.save(buffer, kind, **options)
-    return buffer.getvalue()

@@ -1,98 +1,97 @@
 "use strict";
 const all = (selector, within = document) => [...within.querySelectorAll(selector)];
-const one = (selector) => document.querySelector(selector);
+const byId = (id) => document.getElementById(id);
 document.body.classList.add("scripted");
 
-// Rows by name, everywhere but the ground truth's.
-one("#filter").addEventListener("input", (event) => {
+// Hide methods whose name does not contain the typed word; the ground truth stays.
+byId("filter").addEventListener("input", (event) => {
   const word = event.target.value.trim().toLowerCase();
-  all("[data-row]").forEach((row) => { row.hidden = !row.dataset.row.toLowerCase().includes(word); });
+  all("[data-method]").forEach((item) => { item.hidden = !item.dataset.method.toLowerCase().includes(word); });
 });
 
-// Tables by a column: best first, then worst first; what is no number stays last.
-const value = (row, column) => {
-  const text = row.cells[column].textContent.trim();
-  return column ? parseFloat(text) : text.toLowerCase();
-};
-all("table.sortable").forEach((table) => all("thead th", table).forEach((head, column) => {
-  head.tabIndex = 0;
-  const sort = () => {
-    const first = head.textContent.includes("↑") ? "descending" : "ascending";
-    const isAgain = head.getAttribute("aria-sort") === first;
-    const sign = (first === "ascending") === isAgain ? -1 : 1;
-    all("thead th", table).forEach((other) => other.removeAttribute("aria-sort"));
-    head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
-    const order = (a, b) => {
-      const [x, y] = [value(a, column), value(b, column)];
-      if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) - Number.isNaN(y);
-      return x < y ? -sign : x > y ? sign : 0;
-    };
-    table.tBodies[0].append(...[...table.rows].slice(1).sort(order));
+// Sort a table by a column: best first, a second click reverses; texts that are not numbers stay last.
+const sortBy = (table, head) => {
+  const column = head.cellIndex, best = head.dataset.order || "ascending";
+  const other = best === "ascending" ? "descending" : "ascending";
+  const order = head.getAttribute("aria-sort") === best ? other : best;
+  all("thead th", table).forEach((item) => item.removeAttribute("aria-sort"));
+  head.setAttribute("aria-sort", order);
+  const sign = order === "ascending" ? 1 : -1;
+  const value = (line) => {
+    const text = line.cells[column].textContent.trim();
+    return head.dataset.order ? parseFloat(text) : text.toLowerCase();
   };
-  head.addEventListener("click", sort);
-  head.addEventListener("keydown", (event) => { if (event.key === "Enter") sort(); });
-}));
+  const compare = (a, b) => {
+    const [x, y] = [value(a), value(b)];
+    if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) - Number.isNaN(y);
+    return x < y ? -sign : x > y ? sign : 0;
+  };
+  table.tBodies[0].append(...[...table.tBodies[0].rows].sort(compare));
+};
+all("table.sortable").forEach((table) => {
+  const heads = all("thead th", table);
+  heads.forEach((head) => {
+    head.tabIndex = 0;
+    head.title = "sort, best first";
+    head.addEventListener("click", () => sortBy(table, head));
+    head.addEventListener("keydown", (event) => { if (event.key === "Enter") sortBy(table, head); });
+  });
+  if (table.closest("#scores") && heads[2]?.dataset.order) sortBy(table, heads[2]);
+});
 
-// A link to a folded chapter opens it.
+// Open a folded chapter that a link leads to.
 const unfold = () => {
-  const chapter = location.hash && document.getElementById(location.hash.slice(1));
-  if (chapter) all("details", chapter).slice(0, 1).forEach((fold) => { fold.open = true; });
+  const chapter = location.hash && byId(location.hash.slice(1));
+  const fold = chapter && chapter.querySelector(":scope > details");
+  if (fold) fold.open = true;
 };
 addEventListener("hashchange", unfold);
 unfold();
 
-// Films: every image holds all frames side by side.
+// Films: an image holds all frames side by side; the variable --step selects one of them.
 const clips = all(".clip");
 if (clips.length) {
-  const [choice, step, play, when] = ["#clip", "#step", "#play", "#when"].map(one);
-  const place = (film, k) => all("img", film).forEach((image) => {
-    image.style.transform = `translateX(${(-100 * k) / film.dataset.frames}%)`;
-  });
-  const ahead = (k) => `+${k}` + (when.dataset.stepS ? ` (${(k * when.dataset.stepS).toFixed(1)} s)` : "");
-  const show = () => {
-    const k = Number(step.value);
-    when.textContent = k ? ahead(k) : "last observed";
-    clips.forEach((clip, i) => {
-      clip.hidden = i !== choice.selectedIndex;
-      if (!clip.hidden) all(".film", clip).forEach((film) => place(film, k));
-    });
+  const [choice, step, play, when, left, right] = ["clip", "step", "play", "when", "left", "right"].map(byId);
+  const films = () => all(".film", clips[choice.selectedIndex]);
+  const showStep = () => {
+    const k = Number(step.value), seconds = when.dataset.stepS;
+    document.body.style.setProperty("--step", k);
+    when.textContent = k ? `+${k}` + (seconds ? ` (${(k * seconds).toFixed(1)} s)` : "") : "last observed";
   };
-  const forward = () => { step.value = (Number(step.value) + 1) % (Number(step.max) + 1); show(); };
+  const showPair = () => {
+    const layers = [left, right].map((select) => {
+      const film = films()[select.selectedIndex], layer = document.createElement("div");
+      layer.style.setProperty("--frames", film.dataset.frames);
+      layer.append(...all("img", film).map((image) => image.cloneNode()));
+      byId("compared").style.aspectRatio = film.querySelector(".frame").style.aspectRatio;
+      return layer;
+    });
+    byId("compared").replaceChildren(...layers);
+  };
+  const showClip = () => {
+    clips.forEach((clip, i) => { clip.hidden = i !== choice.selectedIndex; });
+    [left, right].forEach((select, i) => {
+      const name = select.value;
+      select.replaceChildren(...films().map((film) => new Option(film.dataset.name)));
+      const before = films().findIndex((film) => film.dataset.name === name);
+      select.selectedIndex = before < 0 ? Math.min(i, films().length - 1) : before;
+    });
+    showPair();
+  };
+  const choose = (i) => { choice.selectedIndex = i; showClip(); };
+  byId("worst").addEventListener("click", () => choose(0));
+  byId("best").addEventListener("click", () => choose(clips.length - 1));
+  choice.addEventListener("input", showClip);
+  step.addEventListener("input", showStep);
+  [left, right].forEach((select) => select.addEventListener("input", showPair));
+  byId("divider").addEventListener("input", (event) => byId("compared").style.setProperty("--divider", `${event.target.value}%`));
+  byId("inpainted").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
   let timer = 0;
+  const advance = () => { step.value = (Number(step.value) + 1) % (Number(step.max) + 1); showStep(); };
   play.addEventListener("click", () => {
-    timer = timer ? clearInterval(timer) || 0 : setInterval(forward, 1000 * Math.max(0.05, when.dataset.stepS || 0.1));
+    timer = timer ? clearInterval(timer) || 0 : setInterval(advance, 1000 * Math.max(0.05, when.dataset.stepS || 0.1));
     play.textContent = timer ? "pause" : "play";
   });
-  [choice, step].forEach((control) => control.addEventListener("input", show));
-  one("#inpainted").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
-  all("img", document).filter((image) => image.closest(".film")).forEach((image) => {
-    image.style.width = `${100 * image.closest(".film").dataset.frames}%`;
-  });
-  all(".strips").forEach((strips) => strips.parentElement.addEventListener("toggle", () => {
-    if (strips.childElementCount) return;
-    const steps = strips.dataset.steps.split(" "), films = all(".film", strips.closest(".clip"));
-    const head = document.createElement("div");
-    head.append(document.createElement("span"), ...steps.map((k) => {
-      const words = document.createElement("b"), film = films[0];
-      words.textContent = ahead(k);
-      words.style.flex = `0 0 ${film.querySelector("img").naturalWidth / film.dataset.frames}px`;
-      return words;
-    }));
-    strips.append(head);
-    films.forEach((film) => {
-      const row = document.createElement("div"), name = document.createElement("span");
-      name.textContent = film.dataset.name;
-      if (film.dataset.row) row.dataset.row = film.dataset.row;
-      row.append(name, ...steps.map((k) => {
-        const image = film.querySelector("img"), canvas = document.createElement("canvas");
-        canvas.width = image.naturalWidth / film.dataset.frames;
-        canvas.height = image.naturalHeight;
-        canvas.getContext("2d").drawImage(image, -k * canvas.width, 0);
-        return canvas;
-      }));
-      strips.append(row);
-    });
-    one("#filter").dispatchEvent(new Event("input"));
-  }));
-  show();
+  showStep();
+  showClip();
 }

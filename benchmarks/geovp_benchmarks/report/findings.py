@@ -1,0 +1,104 @@
+"""The findings that open a report, written from the numbers of the main table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from geovp_benchmarks.analysis import intervals
+from geovp_benchmarks.results.stored_facts import MARKS, title
+from geovp_benchmarks.tables.table_model import MIN_EFFECTIVE, Column, Row, Table
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The first metric with a direction, and the methods that are compared in it."""
+
+    column: Column | None
+    methods: tuple[Row, ...]  # scored on all clips, samples not selected by the future; best first
+    clips: tuple[str, ...]
+    name: str = ""  # of the metric
+    unit: str = ""
+
+    @classmethod
+    def of(cls, table: Table, protocol: Mapping[str, Any]) -> Self:
+        """Rank the methods of the main table."""
+        clips = tuple(protocol["clips"])
+        column = next(
+            (column for column in table.columns if column.higher_is_better is not None), None
+        )
+        if column is None:
+            return cls(None, (), clips)
+        methods = [
+            row
+            for row in table.rows
+            if row.complete and not row.by_truth and column.key in row.intervals
+        ]
+        sign = -1.0 if column.higher_is_better else 1.0
+        methods.sort(key=lambda row: sign * row.intervals[column.key].mean)
+        unit = str(protocol["metrics"][column.key].get("unit", ""))
+        return cls(column, tuple(methods), clips, title(column.key), unit)
+
+    def best(self, baseline: str, *, is_privileged: bool) -> Row | None:
+        """Return the best method other than the baseline with, or without, privileged inputs."""
+        methods = [row for row in self.methods if row.name != baseline]
+        return next((row for row in methods if bool(row.marks) == is_privileged), None)
+
+    def sentences(self, baseline: str) -> list[str]:
+        """State the best methods without and with privileged inputs, and a gain."""
+        if self.column is None:
+            return []
+        best = self.best(baseline, is_privileged=False)
+        return [
+            self._best_sentence(best, "Without privileged inputs", baseline),
+            self._best_sentence(
+                self.best(baseline, is_privileged=True),
+                "With privileged inputs (ground truth)",
+                baseline,
+            ),
+            self._gain_sentence(best or self.best(baseline, is_privileged=True), baseline),
+        ]
+
+    def score_text(self, clip: str) -> str:
+        """Return the score of the best method on a clip; an empty text where there is none."""
+        score = self.score(clip)
+        return "" if np.isnan(score) else f"{score:#.3g} {self.unit}".strip()
+
+    def score(self, clip: str) -> float:
+        """Return the score of the best method without privileged inputs on a clip, or NaN."""
+        best = self.best("copy-last", is_privileged=False) or next(iter(self.methods), None)
+        if best is None or self.column is None or clip not in self.clips:
+            return float("nan")
+        return float(best.values[self.column.key][self.clips.index(clip)])
+
+    def _best_sentence(self, row: Row | None, condition: str, baseline: str) -> str:
+        if row is None or self.column is None:
+            return f"{condition}, no method has scores on all clips, {baseline} aside."
+        inputs = ", ".join(meaning for mark, meaning in MARKS.values() if mark in row.marks)
+        condition = condition.replace("ground truth", inputs)
+        interval = row.intervals[self.column.key]
+        return f"{condition}, {row.name} is best: {self.name} {self._text(interval)}."
+
+    def _gain_sentence(self, row: Row | None, baseline: str) -> str:
+        rival = next((method for method in self.methods if method.name == baseline), None)
+        if row is None or rival is None or self.column is None:
+            return f"The gain over {baseline} is unknown: a method or {baseline} lacks scores."
+        key = self.column.key
+        difference = row.values[key] - rival.values[key]
+        gain = intervals.interval(difference, intervals.sequences_of(self.clips))
+        is_significant = gain.low > 0 or gain.high < 0
+        verdict = "significant" if is_significant else "not significant"
+        if gain.effective < MIN_EFFECTIVE:
+            verdict += f" (and {gain.effective:.0f} effective clips are too few to rely on)"
+        return (
+            f"Compared with {baseline}, {row.name} changes {self.name} by "
+            f"{self._text(gain, '+')}, a difference that is {verdict}."
+        )
+
+    def _text(self, interval: intervals.Interval, sign: str = "") -> str:
+        digits = 2 if self.column is None else self.column.decimals
+        mean = f"{interval.mean:{sign}.{digits}f} {self.unit}".strip()
+        if not np.isfinite(interval.low):
+            return f"{mean} (fewer than three clips: no interval)"
+        return f"{mean} [{interval.low:{sign}.{digits}f}, {interval.high:{sign}.{digits}f}]"
