@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geovp_benchmarks import report
 from geovp_benchmarks.analysis import confidence
-from geovp_benchmarks.report import sections
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
 from tests.benchmarks.conftest import Says
@@ -85,6 +85,6 @@ def test_the_study_prints_it_and_the_report_has_it(results: Results, printed: Sa
     head, line, *_ = printed("study", "confidence", results.root, "--metric", METRIC).splitlines()
     assert head.split("  ")[0] == "method"
     assert line.split() == ["a", "+", "r", "5", "1.00", "1.00", "-"]
-    page = sections.confidence(results)
-    assert "<td>a + r</td><td>5</td><td>1.00</td><td>1.00</td><td>-</td>" in page
-    assert "Spearman correlation with toy difference." in page
+    metric, (ranking, *_) = report.confidences(results)
+    assert metric == "toy difference"
+    assert ranking.texts() == ("a + r", "5", "1.00", "1.00", "-")

@@ -57,6 +57,7 @@ def draw(
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     axes.grid(visible=False)
+    axes.xaxis.tick_top()
     times = [
         f"+{k}\n{ahead_s:.1f} s" for k, ahead_s in zip(truth.horizons, truth.ahead_s, strict=True)
     ]

@@ -32,7 +32,7 @@ class ShownClip:
     """A kept clip with its films; the first film is the ground truth."""
 
     name: str
-    score: str  # of the best method
+    score: float  # of the method that orders the clips; NaN where there is none
     films: Sequence[Film]
 
 
@@ -42,7 +42,7 @@ def shown_clips(material: Material, headline: Headline) -> list[ShownClip]:
     is_higher_better = headline.column is None or headline.column.higher_is_better
     sign = 1.0 if is_higher_better else -1.0
     names.sort(key=lambda name: np.nan_to_num(sign * headline.score(name), nan=np.inf))
-    clips = [ShownClip(name, headline.score_text(name), _films(material, name)) for name in names]
+    clips = [ShownClip(name, headline.score(name), _films(material, name)) for name in names]
     return [clip for clip in clips if len(clip.films) > 1]
 
 

@@ -13,7 +13,7 @@ from geovp_benchmarks.tables.table_model import MIN_EFFECTIVE, Column, Row, Tabl
 
 @dataclass(frozen=True)
 class Headline:
-    """The first metric with a direction, and the methods that are compared in it."""
+    """The first metric with a direction, of frames if possible, and the methods ranked by it."""
 
     column: Column | None
     methods: tuple[Row, ...]  # scored on all clips, samples not selected by the future; best first
@@ -25,11 +25,13 @@ class Headline:
     def of(cls, table: Table, protocol: Mapping[str, Any]) -> Self:
         """Rank the methods of the main table."""
         clips = tuple(protocol["clips"])
-        column = next(
-            (column for column in table.columns if column.higher_is_better is not None), None
-        )
-        if column is None:
+        columns = [column for column in table.columns if column.higher_is_better is not None]
+        if not columns:
             return cls(None, (), clips)
+        facts = protocol["metrics"]
+        column = max(
+            columns, key=lambda column: facts[column.key.partition("@")[0]]["role"] == "frame"
+        )
         methods = [
             row
             for row in table.rows
@@ -37,7 +39,7 @@ class Headline:
         ]
         sign = -1.0 if column.higher_is_better else 1.0
         methods.sort(key=lambda row: sign * row.intervals[column.key].mean)
-        unit = str(protocol["metrics"][column.key].get("unit", ""))
+        unit = str(facts[column.key.partition("@")[0]].get("unit", ""))
         return cls(column, tuple(methods), clips, title(column.key), unit)
 
     def best(self, baseline: str, *, is_privileged: bool) -> Row | None:
@@ -60,17 +62,16 @@ class Headline:
             self._gain_sentence(best or self.best(baseline, is_privileged=True), baseline),
         ]
 
-    def score_text(self, clip: str) -> str:
-        """Return the score of the best method on a clip; an empty text where there is none."""
-        score = self.score(clip)
-        return "" if np.isnan(score) else f"{score:#.3g} {self.unit}".strip()
+    @property
+    def judge(self) -> Row | None:
+        """Return the method whose score orders the clips."""
+        return self.best("copy-last", is_privileged=False) or next(iter(self.methods), None)
 
     def score(self, clip: str) -> float:
-        """Return the score of the best method without privileged inputs on a clip, or NaN."""
-        best = self.best("copy-last", is_privileged=False) or next(iter(self.methods), None)
-        if best is None or self.column is None or clip not in self.clips:
+        """Return the score of the judge on a clip, or NaN."""
+        if self.judge is None or self.column is None or clip not in self.clips:
             return float("nan")
-        return float(best.values[self.column.key][self.clips.index(clip)])
+        return float(self.judge.values[self.column.key][self.clips.index(clip)])
 
     def _best_sentence(self, row: Row | None, condition: str, baseline: str) -> str:
         if row is None or self.column is None:

@@ -93,5 +93,5 @@ if (clips.length) {
     play.textContent = timer ? "pause" : "play";
   });
   showStep();
-  showClip();
+  choose(Math.floor(clips.length / 2));
 }

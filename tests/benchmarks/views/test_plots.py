@@ -12,15 +12,13 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
 from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import intervals
-from geovp_benchmarks.plots import Page, strips, style, trajectories
+from geovp_benchmarks.plots import Page, curves, strips, style, trajectories
 from geovp_benchmarks.plots.layout import width_in
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import Choice
@@ -83,7 +81,7 @@ class TestWriteAll:
         ):
             assert word in svg
         assert "PSNR (dB)    ↑ higher is better" in svg
-        assert "mean of 3 clips, bars: 95 % intervals (block bootstrap)" in svg
+        assert "mean of 3 clips, with 95 % intervals" in svg
         assert (
             "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
         )
@@ -125,19 +123,42 @@ class TestWriteAll:
 
 class TestCurves:
     def test_means_and_bars_are_the_statistics(self, pages: dict[str, Page]) -> None:
-        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, and the interval that tables
-        would show of them.
-        """
+        """PSNR of three clips at step 3 is 17, 18, 19: mean 18, with the interval of tables."""
         axes = pages["horizon-psnr"].figure.axes[0]
         line, bars = axes.lines[0], axes.collections[0]
         np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
-        (left, low), (_, high) = bars.get_segments()[0]
-        expected = intervals.interval(np.array([19.0, 20.0, 21.0]), np.array(["a", "", ""]))
+        (_, low), (_, high) = bars.get_segments()[0]
+        expected = intervals.interval(np.array([17.0, 18.0, 19.0]), np.array(["a", "", ""]))
         np.testing.assert_allclose([low, high], [expected.low, expected.high])
-        assert expected.low < 20 - 1 / np.sqrt(3)  # wider than one standard error
+        assert expected.low < 18 - 1 / np.sqrt(3)  # wider than one standard error
         lefts = [bars.get_segments()[0][0][0] for bars in axes.collections]
         assert sorted(set(lefts)) == lefts  # beside one another
-        assert left == pytest.approx(2 - lefts[-1])
+        assert all(len(bars.get_segments()) == 2 for bars in axes.collections)
+
+    def test_equal_lines_show_beside_each_other(self) -> None:
+        line = curves.Curve.of("a", np.ones((4, 6)), ["x"] * 4, (0, 2), style.GROUND_TRUTH)
+        labels = curves.AxisLabels("t", "", None, None)
+        figure = curves.draw([line, replace(line, label="b")], labels, HEADING, style.Layout())
+        below, above = figure.axes[0].lines
+        assert below.get_linewidth() > above.get_linewidth()
+
+    def test_at_most_twelve_lines_and_a_legend_inside_the_figure(
+        self, pages: dict[str, Page], folder: Path
+    ) -> None:
+        layout = style.Layout(max_lines=2, width_in=3.0)
+        (page,) = (
+            page
+            for page in plots.figures(Results(folder), layout=layout)
+            if page.name == "horizon-psnr"
+        )
+        assert "best 2 of 5 lines" in texts(page.figure).replace("\n", " ")
+        for drawn in (page, pages["horizon-psnr"]):
+            plots.rendered(drawn, "png")
+            figure = drawn.figure
+            (legend,) = figure.legends
+            box, whole = legend.get_window_extent(), figure.bbox
+            assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+            assert whole.y0 <= box.y0 < box.y1 <= figure.axes[0].get_window_extent().y0
 
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
         """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best
@@ -158,8 +179,8 @@ class TestCurves:
         line = axes.lines[0]
         np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
         np.testing.assert_allclose(line.get_ydata(), 17.5 + np.array([1.0, 5 / 3, 2.0]))
-        assert axes.get_xlabel() == "samples to choose from"
-        assert "over clips, bands: 95 % intervals" in texts(pages["samples-psnr"].figure)
+        assert axes.get_xlabel() == "number of samples k"
+        assert "over clips" in texts(pages["samples-psnr"].figure)
         assert "gt" not in texts(pages["samples-psnr"].figure).split()
 
     def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
@@ -176,25 +197,17 @@ class TestCurves:
         assert "copy-last" not in texts(figure)
 
 
-@pytest.mark.parametrize(("width", "count", "has_room"), [(None, 5, True), (3.3, 3, False)])
-def test_no_words_of_a_strip_lie_upon_others(
-    width: float | None, count: int, has_room: bool
-) -> None:
-    """A label of two lines and seven notes: 75 points, in images of 82; on a narrow page of 49."""
+@pytest.mark.parametrize(("width", "count"), [(None, 5), (3.3, 3)])
+def test_no_words_of_a_strip_lie_upon_others(width: float | None, count: int) -> None:
     frame = np.zeros((64, 64, 3), np.uint8)
     frames = np.stack([frame] * count)
     truth = strips.Truth(frame, frames, range(1, count + 1), np.arange(1.0, count + 1))
-    rows = [
-        strips.Row("vo+prior-refined + ground-far-plane", "\n".join(["PSNR 20 dB"] * 7), frames)
-        for _ in range(3)
-    ]
-    assert strips.has_room(truth, rows, width) == has_room
-    rows = [replace(row, note=row.note if has_room else "") for row in rows]
+    label, note = "vo+prior-refined + ground-far-plane", "PSNR 20 dB\nSSIM 0.5"
+    rows = [strips.Strip(label, "" if width else note, frames) for _ in range(3)]
     with matplotlib.style.context(style.SHEET):
-        figure = strips.draw(truth, rows, HEADING, width)[0]
-        plots.Layout(width_in=width).apply(figure)
+        figure = strips.draw(truth, rows, HEADING, style.Layout(width_in=width))
         figure.canvas.draw()
-        shown = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
+    shown = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
     assert not [(a, b) for a, b in itertools.combinations(shown, 2) if a.overlaps(b)]
 
 
@@ -213,23 +226,16 @@ class TestStrips:
         )
 
     def test_the_file_shows_them_the_right_way_up(self) -> None:
-        """Red above green; the last observed frame is the first image of the file."""
+        """Red above green."""
         frame = np.zeros((300, 300, 3), np.uint8)
         frame[:150, :, 0], frame[150:, :, 1] = 255, 255
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-        page = Page(
-            "x",
-            "strip",
-            "c",
-            "",
-            strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0],
-            ("png",),
-        )
+        strip = strips.Strip("m", "", frame[None])
+        figure = strips.draw(truth, [strip], HEADING, style.Layout())
+        page = Page("x", "strip", "c", "", figure, ("png",))
         image = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
         red, green = ((image == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
-        assert (
-            red.sum() == green.sum() == 3 * 150 * 300
-        )  # truth twice, the method once, pixel for pixel
+        assert red.sum() == pytest.approx(green.sum(), rel=0.02)
         assert np.argwhere(red)[0, 0] < np.argwhere(green)[0, 0]
 
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
@@ -237,8 +243,8 @@ class TestStrips:
         words = texts(pages[f"strip-{CLIP}"].figure)
         for word in (
             "ground truth",
-            "last observed\nframe",
-            "frame +5\n(0.5 s)",
+            "last\nobserved",
+            "+5\n0.5 s",
             "gt + far",
             "PSNR 16.5 dB",
         ):
@@ -248,10 +254,10 @@ class TestStrips:
     def test_only_inpainted_pixels_are_tinted(self) -> None:
         frames = np.full((1, 2, 2, 3), 100, np.uint8)
         covered = np.array([[[True, False], [True, True]]])
-        tinted = strips.mark_inpainted(strips.Row("x", "", frames, covered)).frames
+        tinted = strips.mark_inpainted(strips.Strip("x", "", frames, covered)).frames
         np.testing.assert_array_equal(tinted[covered], 100)
         np.testing.assert_array_equal(
-            tinted[~covered], [(0.35 * 100 + 0.65 * strips.INPAINTED).astype(int)]
+            tinted[~covered], [(0.35 * 100 + 0.65 * np.array(strips.INPAINTED)).astype(int)]
         )
 
 
@@ -272,8 +278,7 @@ class TestTrajectories:
         figure = pages[f"paths-{CLIP}"].figure
         axes = figure.axes[0]
         assert axes.get_aspect() == 1.0
-        legend = axes.get_legend()
-        assert legend is not None
+        (legend,) = figure.legends
         names = [text.get_text() for text in legend.get_texts()]
         assert names == [
             "past",
@@ -343,13 +348,3 @@ class TestStyle:
         a_r, a_q, b_r, b_q = style.line_styles([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
         assert a_r.colour == a_q.colour != b_r.colour == b_q.colour
         assert a_r.dash == b_r.dash != a_q.dash == b_q.dash
-
-    @given(st.integers(0, 200), st.integers(1, 20))
-    def test_pages_share_all_rows_evenly(self, count: int, most: int) -> None:
-        pages = style.pages(count, most, style.Heading("Paths", ""))
-        shared = [range(count)[rows] for rows, _ in pages]
-        assert [i for page in shared for i in page] == list(range(count))
-        titles = [f"Paths ({n} of {len(pages)})" for n in range(1, len(pages) + 1)]
-        assert [heading.title for _, heading in pages] == (titles if len(pages) > 1 else ["Paths"])
-        assert max(map(len, shared)) - min(map(len, shared)) <= 1
-        assert max(map(len, shared)) <= most

@@ -7,6 +7,7 @@ import html
 import io
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from PIL import Image
 from geovp_benchmarks import plots, report
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.strips import INPAINTED
-from geovp_benchmarks.report import films, markup
+from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import tables
+from tests.benchmarks.views.conftest import KEPT
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +41,7 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
-        if tag not in markup.WITHOUT_END:
+        if tag not in ("img", "meta", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -66,13 +69,10 @@ def test_it_is_well_formed_and_all_is_in_it(page: str) -> None:
     assert [tag for tag, _ in reader.elements].count("script") == 1
     sources = [attributes["src"] or "" for tag, attributes in reader.elements if tag == "img"]
     assert [source.partition(";")[0].removeprefix("data:") for source in sources] == [
-        "image/svg+xml",  # psnr, translation error
-        "image/svg+xml",
-        "image/svg+xml",  # the same over samples
-        "image/svg+xml",
+        *["image/svg+xml"] * 4,  # psnr and translation error over the horizon, then over samples
         "image/svg+xml",  # psnr over covered pixels
-        "image/webp",  # the truth
-        *["image/webp", "image/png"] * 3,  # the rows with a renderer, and what each inpainted
+        "image/webp",  # the ground truth
+        *["image/webp", "image/png"] * 3,  # methods with a renderer, and what each inpainted
         "image/webp",  # a copy of the last frame
         "image/svg+xml",  # paths
     ]
@@ -127,7 +127,7 @@ class TestFilms:
     def test_a_film_holds_the_last_observed_and_all_future_frames(self, page: str) -> None:
         """The first row is 0 + step grey, after the last observed frame, which is 202."""
         films = re.findall(
-            r'<figure class="film" data-name="([^"]*)" data-frames="(\d+)"( data-row="[^"]*")?>',
+            r'<figure class="film" data-name="([^"]*)" data-frames="(\d+)"( data-method="[^"]*")? ',
             page,
         )
         assert [(name, count) for name, count, _ in films] == [
@@ -149,20 +149,38 @@ class TestFilms:
     def test_inpainted_pixels_are_marked_and_others_let_through(self) -> None:
         covered = np.ones((2, 16, 16), bool)
         covered[1, :, :4] = False
-        image = np.asarray(Image.open(io.BytesIO(films.mask(covered))).convert("RGBA"))
+        image = np.asarray(Image.open(io.BytesIO(films.encode_mask(covered))).convert("RGBA"))
         np.testing.assert_array_equal(image[..., 3] > 0, np.concatenate(~covered, axis=1))
         np.testing.assert_array_equal(image[0, 16, :3], INPAINTED)
 
-    def test_clips_chosen_by_a_score_stand_apart(self, folder: Path, tmp_path: Path) -> None:
+    def test_clips_are_listed_from_the_worst_to_the_best(
+        self, folder: Path, tmp_path: Path
+    ) -> None:
+        """PSNR is 20 + clip - step, and 1 dB more as the mean of three samples."""
         shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots"} & {*names})
         results = Results(tmp_path / "r")
-        kept = {"by": "worst <PSNR> of gt + far", "clips": [results.clips()[0][0]]}
-        results.write_protocol({**results.protocol(), "kept": kept})
-        browser = films.browser(Material.read(results), {})
-        assert (
-            '<optgroup label="worst &lt;PSNR&gt; of gt + far"><option>a/b[0:9) &lt;x&gt; &amp; '
-            "$y</option>" in browser
-        )
+        clip = results.clip(KEPT)
+        results.write_clip(replace(clip, name="c"))
+        results.write_prediction("gt--far", "c", results.prediction("gt--far", KEPT))
+        headline = findings.Headline.of(tables.build(results)[0], results.protocol())
+        clips = films.shown_clips(Material.read(results), headline)
+        assert [(clip.name, clip.score) for clip in clips] == [(KEPT, 17.5), ("c", 19.5)]
+
+
+def test_the_findings_are_the_numbers(folder: Path) -> None:
+    """Kalman has no privileged input, and samples 0, 1, 2 have 0, 1, 2 dB more than copy-last."""
+    results = Results(folder)
+    headline = findings.Headline.of(tables.build(results)[0], results.protocol())
+    without, privileged, gain = headline.sentences("copy-last")
+    assert without.startswith(
+        "Without privileged inputs, kalman + far, mean of 3 is best: PSNR 18.50 dB ["
+    )
+    assert privileged.startswith(
+        "With privileged inputs (true past poses), gt + far is best: PSNR 17.50 dB ["
+    )
+    assert "kalman + far, mean of 3 changes PSNR by +1.00 dB [+1.00, +1.00]" in gain
+    assert "3 effective clips are too few" in gain
+    assert "lacks scores" in headline.sentences("absent")[2]
 
 
 def test_every_figure_is_made_once(
