@@ -30,6 +30,8 @@ class Hindcast:
     scale: float = (
         0.5  # of the views; a quarter of the pixels takes a quarter of the time
     )
+    # Views are not reduced below it: at 64 px, errors of coarse scenes equal those of copies.
+    min_width_px: int = 128
     # A scene with a larger one is replaced by the last frame.
     max_error_ratio: float = 0.95
     # Grey values; frames that change less do not test a scene.
@@ -43,6 +45,13 @@ class Hindcast:
                 f"hindcast: num_frames {self.num_frames} and scale {self.scale}, expected at "
                 "least one frame and a scale in (0, 1]"
             )
+
+    def view_size(self, camera: Intrinsics) -> tuple[int, int]:
+        """Return (width, height) of the rendered views in pixels."""
+        min_scale = min(1.0, self.min_width_px / camera.width_px)
+        scale = max(self.scale, min_scale)
+        width_px = max(1, round(camera.width_px * scale))
+        return width_px, max(1, round(camera.height_px * scale))
 
     def errors(
         self, scene: Scene, context: Context, past: Trajectory
@@ -59,8 +68,7 @@ class Hindcast:
         numbers = np.linspace(0, len(earlier) - 1, self.num_frames)
         steps = np.unique(earlier[numbers.round().astype(int)])
         camera = context.intrinsics
-        width_px = max(1, round(camera.width_px * self.scale))
-        height_px = max(1, round(camera.height_px * self.scale))
+        width_px, height_px = self.view_size(camera)
         views = scene.view(
             past.world_from_cam[steps],
             past.times_s[steps],

@@ -117,3 +117,13 @@ def test_settings_without_a_test_are_refused() -> None:
         Hindcast(num_frames=0)
     with pytest.raises(BadData, match="scale 0"):
         Hindcast(scale=0.0)
+
+
+@pytest.mark.parametrize(
+    ("size_px", "view_px"),
+    [((1240, 376), (620, 188)), ((256, 192), (128, 96)), ((160, 80), (128, 64)), ((96, 72),) * 2],
+)
+def test_views_are_half_as_large_but_not_below_128_px(
+    size_px: tuple[int, int], view_px: tuple[int, int]
+) -> None:
+    assert Hindcast().view_size(CAMERA.resized(*size_px)) == view_px
