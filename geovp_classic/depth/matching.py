@@ -66,6 +66,7 @@ class WindowCorrelation:
 
         def match_planes(first: int) -> None:
             no_scores = np.zeros((2, *reference.shape), np.float32)
+            scores = no_scores.copy()
             after = add_scores(first, is_short, no_scores.copy())
             last = min(first + PLANES_PER_TASK, num_planes)
             for plane in range(first, last):
@@ -75,12 +76,15 @@ class WindowCorrelation:
                     next_plane = plane + self.short_stride
                     after = add_scores(next_plane, is_short, no_scores.copy())
                 weight = step / self.short_stride
-                scores = np.asarray(
-                    cv2.addWeighted(before, 1 - weight, after, weight, 0),
-                    np.float32,
-                )
+                cv2.addWeighted(before, 1 - weight, after, weight, 0, scores)
                 add_scores(plane, ~is_short, scores)
-                volume[plane] = self._mean_cost(*scores) + near_costs[plane]
+                _write_mean_costs(
+                    scores,
+                    np.float32(255 - self.max_near_cost),
+                    np.uint8(self.unseen_cost),
+                    near_costs[plane],
+                    volume[plane],
+                )
 
         parallel_map(match_planes, range(0, num_planes, PLANES_PER_TASK))
         # OpenCV transposes in blocks, ten times as fast as NumPy.
@@ -143,11 +147,22 @@ class WindowCorrelation:
             scores,
         )
 
-    def _mean_cost(self, total: FloatArray, count: FloatArray) -> CostArray:
-        """Return the mean cost [H, W] of the sources that see a pixel."""
-        max_cost = np.float32(255 - self.max_near_cost)
-        cost = max_cost * total / np.maximum(count, np.float32(1e-6))
-        return np.where(count > 0, cost, self.unseen_cost).astype(np.uint8)
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _write_mean_costs(
+    scores: FloatArray,  # [2, H, W]
+    max_cost: np.float32,
+    unseen_cost: np.uint8,
+    near_cost: np.uint8,
+    costs: CostArray,  # [H, W], written
+) -> None:
+    """Write the mean costs of the sources that see a pixel."""
+    for row in range(costs.shape[0]):
+        for x in range(costs.shape[1]):
+            count = scores[1, row, x]
+            cost = max_cost * scores[0, row, x] / max(count, np.float32(1e-6))
+            mean = np.uint8(cost) if count > 0 else unseen_cost
+            costs[row, x] = mean + near_cost
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
