@@ -140,17 +140,18 @@ def _follow(
 ) -> None:
     """Sum the costs of the four paths of one pass.
 
-    Paths have a margin of one plane on either side, which is never the best one.
+    Paths have a margin of one plane on either side, which is never the best one, and end with
+    their lowest cost.
     """
     height, width, num_planes = costs.shape
     start = np.zeros(
-        num_planes + 2, np.int16
+        num_planes + 3, np.int16
     )  # of a path that begins at the image's border
     along_row = np.full(
-        (2, num_planes + 2), INFINITE
+        (2, num_planes + 3), INFINITE
     )  # to the last pixel and to this one
     down = np.full(
-        (2, 3, width, num_planes + 2), INFINITE
+        (2, 3, width, num_planes + 3), INFINITE
     )  # to the last row and to this one
     for i in range(height):
         last_row = down[(i + 1) % 2]
@@ -196,21 +197,23 @@ def _follow(
 
 @numba.njit(nogil=True, cache=True)
 def _extend(
-    previous: PathArray,  # [N + 2]
+    previous: PathArray,  # [N + 3]
     cost: CostArray,  # [N]
     small_step: np.int16,
     large_step: np.int16,
-    path: PathArray,  # [N + 2], written
+    path: PathArray,  # [N + 3], written
 ) -> None:
     """Extend a path by one pixel (Hirschmueller 2008, equation 13).
 
     Every sum is cut to 16 bits: numba would compute it in 64.
     """
-    lowest = INFINITE
-    for n in range(1, len(cost) + 1):
-        lowest = min(lowest, previous[n])
+    lowest = previous[len(cost) + 2]
+    new_lowest = INFINITE
     jump = np.int16(lowest + large_step)
     for n in range(len(cost)):
         step = np.int16(min(previous[n], previous[n + 2]) + small_step)
         best = np.int16(min(min(previous[n + 1], jump), step) - lowest)
-        path[n + 1] = np.int16(best + cost[n])
+        value = np.int16(best + cost[n])
+        path[n + 1] = value
+        new_lowest = min(new_lowest, value)
+    path[len(cost) + 2] = new_lowest
