@@ -54,17 +54,21 @@ class WindowCorrelation:
         near_costs = self._near_costs(num_planes)
         volume = np.empty((num_planes, *reference.shape), np.uint8)
 
-        def add_scores(
-            plane: int, is_used: BoolArray, scores: FloatArray
-        ) -> FloatArray:
-            inverse_depth = inverse_depths[min(plane, num_planes - 1)]
-            for s in np.flatnonzero(is_used):
-                homography = infinity_from_pixel[s].copy()
-                homography[:, 2] += inverse_depth * epipoles[s]
-                self._add_source(windows, images[s], homography, scores)
-            return scores
-
         def match_planes(first: int) -> None:
+            warped = np.empty(reference.shape, np.float32)
+
+            def add_scores(
+                plane: int, is_used: BoolArray, scores: FloatArray
+            ) -> FloatArray:
+                inverse_depth = inverse_depths[min(plane, num_planes - 1)]
+                for s in np.flatnonzero(is_used):
+                    homography = infinity_from_pixel[s].copy()
+                    homography[:, 2] += inverse_depth * epipoles[s]
+                    self._add_source(
+                        windows, images[s], homography, warped, scores
+                    )
+                return scores
+
             no_scores = np.zeros((2, *reference.shape), np.float32)
             scores = no_scores.copy()
             after = add_scores(first, is_short, no_scores.copy())
@@ -126,14 +130,16 @@ class WindowCorrelation:
         windows: FloatArray,  # [3, H, W]
         image: FloatArray,  # [H, W]
         source_from_reference: FloatArray,  # [3, 3]
+        warped: FloatArray,  # [H, W], overwritten by the source image
         scores: FloatArray,  # [2, H, W], added to
     ) -> None:
         """Add one minus the ZNCC where a source sees a pixel, and 1 to the count there."""
         grey, mean, inverse_deviation = windows
-        warped = cv2.warpPerspective(
+        cv2.warpPerspective(
             image,
             source_from_reference,
             image.shape[::-1],
+            warped,
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
@@ -141,7 +147,7 @@ class WindowCorrelation:
             grey,
             mean,
             inverse_deviation,
-            np.asarray(warped, np.float32),
+            warped,
             source_from_reference.astype(np.float32),
             np.float32(self.noise_variance),
             scores,
