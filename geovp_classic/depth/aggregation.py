@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from geovp_classic.depth.matching import CostArray
 from geovp_classic.parallel import parallel_map
-from geovp_classic.types import ByteArray, FloatArray, IntArray
+from geovp_classic.types import ByteArray, FloatArray
 
 SumArray = npt.NDArray[np.uint16]
 PathArray = npt.NDArray[np.int16]
@@ -76,39 +76,14 @@ def winners(
 
     The lead is in costs of one direction.
     """
-    last = sums.shape[-1] - 1
     levels = np.empty(sums.shape[:2], np.float32)
     lead = np.empty(sums.shape[:2], np.float32)
 
-    def judge(top: int) -> None:
-        band = slice(top, top + 16)  # rows that stay in the cache of a core
-        rivals = sums[band].copy()
-        best = rivals.argmin(axis=-1)[..., None]
-        lowest = np.take_along_axis(rivals, best, axis=-1)[..., 0]
-        offset = _parabola_offset(rivals, best)
-        neighbours = np.clip(
-            best + np.arange(-num_neighbours, num_neighbours + 1), 0, last
-        )
-        np.put_along_axis(rivals, neighbours, np.iinfo(np.uint16).max, axis=-1)
-        levels[band] = best[..., 0] + offset
-        lead[band] = rivals.min(axis=-1) - lowest
+    def judge(row: int) -> None:
+        _judge(sums[row], num_neighbours, levels[row], lead[row])
 
-    parallel_map(judge, range(0, len(sums), 16))
+    parallel_map(judge, range(len(sums)))
     return levels, lead / 8
-
-
-def _parabola_offset(sums: SumArray, best: IntArray) -> FloatArray:
-    """Return the minimum [H, W] of a parabola through the best [H, W, 1] of sums [H, W, N] and its
-    neighbours, relative to the best; 0 for the outermost planes.
-    """
-    middle = np.clip(best, 1, sums.shape[-1] - 2)
-    values = np.take_along_axis(
-        sums, middle + np.arange(-1, 2), axis=-1
-    ).astype(np.float32)
-    before, here, after = np.moveaxis(values, -1, 0)
-    curvature = np.maximum(before + after - 2 * here, 1)
-    is_inner = (best == middle)[..., 0]
-    return is_inner * (before - after) / (2 * curvature)
 
 
 def excess_cost(
@@ -123,6 +98,39 @@ def excess_cost(
 
 
 @numba.njit(nogil=True, cache=True)
+def _judge(
+    sums: SumArray,  # [W, N]
+    num_neighbours: int,
+    levels: FloatArray,  # [W], written
+    lead: FloatArray,  # [W], written
+) -> None:
+    """Find the best plane and its lead over rivals in the sums of a row."""
+    worst = np.uint16(2**16 - 1)
+    num_planes = sums.shape[1]
+    for column in range(len(sums)):
+        total = sums[column]
+        lowest = worst
+        for n in range(num_planes):
+            lowest = min(lowest, total[n])
+        best = 0
+        while total[best] != lowest:
+            best += 1
+        rival = worst
+        for n in range(best - num_neighbours):
+            rival = min(rival, total[n])
+        for n in range(best + num_neighbours + 1, num_planes):
+            rival = min(rival, total[n])
+        lead[column] = rival - lowest
+        levels[column] = best
+        if 0 < best < num_planes - 1:
+            before = np.float32(total[best - 1])
+            after = np.float32(total[best + 1])
+            curvature = before + after - 2 * np.float32(lowest)
+            offset = (before - after) / (2 * max(curvature, np.float32(1)))
+            levels[column] += offset
+
+
+@numba.njit(nogil=True, cache=True)
 def _follow(
     costs: CostArray,  # [H, W, N]
     is_upward: bool,
@@ -132,17 +140,18 @@ def _follow(
 ) -> None:
     """Sum the costs of the four paths of one pass.
 
-    Paths have a margin of one plane on either side, which is never the best one.
+    Paths have a margin of one plane on either side, which is never the best one, and end with
+    their lowest cost.
     """
     height, width, num_planes = costs.shape
     start = np.zeros(
-        num_planes + 2, np.int16
+        num_planes + 3, np.int16
     )  # of a path that begins at the image's border
     along_row = np.full(
-        (2, num_planes + 2), INFINITE
+        (2, num_planes + 3), INFINITE
     )  # to the last pixel and to this one
     down = np.full(
-        (2, 3, width, num_planes + 2), INFINITE
+        (2, 3, width, num_planes + 3), INFINITE
     )  # to the last row and to this one
     for i in range(height):
         last_row = down[(i + 1) % 2]
@@ -188,21 +197,23 @@ def _follow(
 
 @numba.njit(nogil=True, cache=True)
 def _extend(
-    previous: PathArray,  # [N + 2]
+    previous: PathArray,  # [N + 3]
     cost: CostArray,  # [N]
     small_step: np.int16,
     large_step: np.int16,
-    path: PathArray,  # [N + 2], written
+    path: PathArray,  # [N + 3], written
 ) -> None:
     """Extend a path by one pixel (Hirschmueller 2008, equation 13).
 
     Every sum is cut to 16 bits: numba would compute it in 64.
     """
-    lowest = INFINITE
-    for n in range(1, len(cost) + 1):
-        lowest = min(lowest, previous[n])
+    lowest = previous[len(cost) + 2]
+    new_lowest = INFINITE
     jump = np.int16(lowest + large_step)
     for n in range(len(cost)):
         step = np.int16(min(previous[n], previous[n + 2]) + small_step)
         best = np.int16(min(min(previous[n + 1], jump), step) - lowest)
-        path[n + 1] = np.int16(best + cost[n])
+        value = np.int16(best + cost[n])
+        path[n + 1] = value
+        new_lowest = min(new_lowest, value)
+    path[len(cost) + 2] = new_lowest

@@ -54,18 +54,23 @@ class WindowCorrelation:
         near_costs = self._near_costs(num_planes)
         volume = np.empty((num_planes, *reference.shape), np.uint8)
 
-        def add_scores(
-            plane: int, is_used: BoolArray, scores: FloatArray
-        ) -> FloatArray:
-            inverse_depth = inverse_depths[min(plane, num_planes - 1)]
-            for s in np.flatnonzero(is_used):
-                homography = infinity_from_pixel[s].copy()
-                homography[:, 2] += inverse_depth * epipoles[s]
-                self._add_source(windows, images[s], homography, scores)
-            return scores
-
         def match_planes(first: int) -> None:
+            warped = np.empty(reference.shape, np.float32)
+
+            def add_scores(
+                plane: int, is_used: BoolArray, scores: FloatArray
+            ) -> FloatArray:
+                inverse_depth = inverse_depths[min(plane, num_planes - 1)]
+                for s in np.flatnonzero(is_used):
+                    homography = infinity_from_pixel[s].copy()
+                    homography[:, 2] += inverse_depth * epipoles[s]
+                    self._add_source(
+                        windows, images[s], homography, warped, scores
+                    )
+                return scores
+
             no_scores = np.zeros((2, *reference.shape), np.float32)
+            scores = no_scores.copy()
             after = add_scores(first, is_short, no_scores.copy())
             last = min(first + PLANES_PER_TASK, num_planes)
             for plane in range(first, last):
@@ -75,12 +80,15 @@ class WindowCorrelation:
                     next_plane = plane + self.short_stride
                     after = add_scores(next_plane, is_short, no_scores.copy())
                 weight = step / self.short_stride
-                scores = np.asarray(
-                    cv2.addWeighted(before, 1 - weight, after, weight, 0),
-                    np.float32,
-                )
+                cv2.addWeighted(before, 1 - weight, after, weight, 0, scores)
                 add_scores(plane, ~is_short, scores)
-                volume[plane] = self._mean_cost(*scores) + near_costs[plane]
+                _write_mean_costs(
+                    scores,
+                    np.float32(255 - self.max_near_cost),
+                    np.uint8(self.unseen_cost),
+                    near_costs[plane],
+                    volume[plane],
+                )
 
         parallel_map(match_planes, range(0, num_planes, PLANES_PER_TASK))
         # OpenCV transposes in blocks, ten times as fast as NumPy.
@@ -122,14 +130,16 @@ class WindowCorrelation:
         windows: FloatArray,  # [3, H, W]
         image: FloatArray,  # [H, W]
         source_from_reference: FloatArray,  # [3, 3]
+        warped: FloatArray,  # [H, W], overwritten by the source image
         scores: FloatArray,  # [2, H, W], added to
     ) -> None:
         """Add one minus the ZNCC where a source sees a pixel, and 1 to the count there."""
         grey, mean, inverse_deviation = windows
-        warped = cv2.warpPerspective(
+        cv2.warpPerspective(
             image,
             source_from_reference,
             image.shape[::-1],
+            warped,
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
@@ -137,17 +147,28 @@ class WindowCorrelation:
             grey,
             mean,
             inverse_deviation,
-            np.asarray(warped, np.float32),
+            warped,
             source_from_reference.astype(np.float32),
             np.float32(self.noise_variance),
             scores,
         )
 
-    def _mean_cost(self, total: FloatArray, count: FloatArray) -> CostArray:
-        """Return the mean cost [H, W] of the sources that see a pixel."""
-        max_cost = np.float32(255 - self.max_near_cost)
-        cost = max_cost * total / np.maximum(count, np.float32(1e-6))
-        return np.where(count > 0, cost, self.unseen_cost).astype(np.uint8)
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _write_mean_costs(
+    scores: FloatArray,  # [2, H, W]
+    max_cost: np.float32,
+    unseen_cost: np.uint8,
+    near_cost: np.uint8,
+    costs: CostArray,  # [H, W], written
+) -> None:
+    """Write the mean costs of the sources that see a pixel."""
+    for row in range(costs.shape[0]):
+        for x in range(costs.shape[1]):
+            count = scores[1, row, x]
+            cost = max_cost * scores[0, row, x] / max(count, np.float32(1e-6))
+            mean = np.uint8(cost) if count > 0 else unseen_cost
+            costs[row, x] = mean + near_cost
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")

@@ -82,7 +82,8 @@ def _reconstruction(
         model.add_image_with_trivial_frame(image, rigid)
     tracks = [pycolmap.Track() for _ in points]
     is_observed = np.isfinite(pixels[..., 0])
-    for n, k in np.argwhere(is_observed.T).tolist():
+    numbers, steps = np.nonzero(is_observed.T)
+    for n, k in zip(numbers.tolist(), steps.tolist(), strict=True):
         tracks[n].add_element(k + 1, n)
     for point, track in zip(points, tracks, strict=True):
         model.add_point3D(point, track)

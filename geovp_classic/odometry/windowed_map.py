@@ -128,12 +128,6 @@ class WindowedMap:
             [keyframe.cam_from_world for keyframe in self.keyframes]
         )
 
-    def reprojection_error(self) -> float:
-        """Return the median error of all observations in standard deviations; inf without any."""
-        errors = self._errors(self.points, self.observations)
-        errors = errors[np.isfinite(errors)]
-        return float(np.median(errors)) / self.noise if len(errors) else np.inf
-
     def add_keyframe(self, cam_from_world: FloatArray) -> None:
         """Make the last image a keyframe; the oldest one leaves a full window."""
         if self.is_full:

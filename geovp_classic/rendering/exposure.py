@@ -8,6 +8,7 @@ which is held less exactly; its last level counts as the set point. The gains be
 frames show how strongly a camera reacts: a fixed exposure stays.
 """
 
+import functools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -44,7 +45,7 @@ class ToneCurve:
         """Return new values [256], at most 255, of the grey values 0 to 255."""
         brighter = np.arange(256) * math.exp(log_gain)
         return np.minimum(
-            brighter + self._highlight(log_gain) * self._saturation(), 255
+            brighter + self._highlight(log_gain) * self._saturation, 255
         )
 
     def apply(self, frame: ByteArray, log_gain: float) -> ByteArray:
@@ -55,12 +56,13 @@ class ToneCurve:
         highlight = self._highlight(log_gain)
         if highlight < 0.5:
             return np.asarray(scaled, np.uint8)
-        table = self._saturation().astype(np.float32)
+        table = self._saturation.astype(np.float32)
         saturation = cv2.LUT(frame, table)
         blurred = cv2.GaussianBlur(saturation, (0, 0), self.saturation_blur_px)
         exposed = cv2.add(scaled, highlight * blurred, dtype=cv2.CV_8U)
         return np.asarray(exposed, np.uint8)
 
+    @functools.cached_property
     def _saturation(self) -> FloatArray:
         """Return how saturated each grey value [256] is, from 0 to 1."""
         lowest = self.min_saturated_grey

@@ -70,6 +70,9 @@ def _blend(
         return fine.sample(pixels, is_shown)
     coarsest = coarse.resolution / fine.resolution
     fraction = np.clip((magnified - coarsest) / (1 - coarsest), 0, 1)
-    near = fine.sample(pixels, is_shown & (fraction > 0))
     far = coarse.sample(pixels, is_shown & (fraction < 1))
+    is_near = is_shown & (fraction > 0)
+    if not is_near.any():
+        return far
+    near = fine.sample(pixels, is_near)
     return far + fraction[..., None] * (near - far)

@@ -66,6 +66,13 @@ def rasterise_view(
         e_x = x_v * half_px + x_q * q_e - x * e_z
         e_y = y_v * half_px + y_q * q_e - y * e_z
 
+        # Most patches of uncropped frames lie outside the view.
+        radius_x = max_s * (abs(d_x) + abs(e_x)) / nearest_z
+        radius_y = max_s * (abs(d_y) + abs(e_y)) / nearest_z
+        is_outside_x = x + radius_x < 0 or x - radius_x > width - 1
+        if is_outside_x or y + radius_y < 0 or y - radius_y > height - 1:
+            continue
+
         left = right = top = bottom = 0.0
         for corner in range(4):
             s = 1 - 2 * (corner % 2)

@@ -30,7 +30,6 @@ def test_the_map_triangulates_points_and_keeps_a_window_of_keyframes() -> None:
     known = window.triangulated
     assert known.mean() > 0.9
     np.testing.assert_allclose(window.points[known], points[known], rtol=1e-4, atol=1e-4)
-    assert window.reprojection_error() < 0.01
 
 
 def test_the_map_predicts_where_points_appear() -> None:
