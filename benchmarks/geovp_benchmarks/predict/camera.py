@@ -42,9 +42,7 @@ def find_camera(
     num_seen: int,  # frames up to the last observed one; later ones are not looked at
     asked: PredictionRequest,
 ) -> tuple[Camera, Recording]:
-    """The camera by the best source there is, and its images without distortion; BadData when two
-    sources are given.
-    """
+    """Return the camera by the best available source, and its images without distortion."""
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     given, fov_deg, calibration, path = (
         asked.intrinsics,
@@ -52,13 +50,6 @@ def find_camera(
         asked.calibration,
         asked.path,
     )
-    if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
-        raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
-    if asked.distortion is not None and given is None and fov_deg is None:
-        raise BadData(
-            "--distortion belongs to --intrinsics or --fov: give one of them, or --calibration "
-            "alone"
-        )
     if given is not None:
         return _undistorted(
             recording, Calibration(given, None, asked.distortion or ()), path, "given"

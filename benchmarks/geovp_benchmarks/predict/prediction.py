@@ -8,7 +8,7 @@ from geovp_benchmarks.predict import webcam
 from geovp_benchmarks.predict.camera import find_camera
 from geovp_benchmarks.predict.predicted import Geometry, Predicted
 from geovp_benchmarks.predict.prediction_request import PredictionRequest, check_memory, output_size
-from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress, announce
 from geovp_classic import registry
 from geovp_classic.data import windows
 from geovp_classic.data.windows import Recording
@@ -31,12 +31,14 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
             f"{registry.name_of(predictor)} needs {lacking.name}, which one's own video does "
             "not have"
         )
+    announce("reading frames")
     recording = _recording(request)
     first = _first(request, len(recording.frames))
     size_px = output_size(
         request.size_px, recording.intrinsics.width_px, recording.intrinsics.height_px
     )
     check_memory(size_px, request.num_past, request.num_future * request.num_samples)
+    announce("calibrating")
     camera, recording = find_camera(recording, first + request.num_past, request)
     context = _context(
         request, recording, first, size_px, with_full=PrivilegedInput.FULL_FRAMES in predictor.needs
@@ -52,14 +54,18 @@ def _run(
 ) -> tuple[Prediction, Geometry | None]:
     """The prediction, and what its scene shows when it is made with one."""
     if not isinstance(predictor, GeometricPredictor):
+        announce("predicting")
         prediction = predictor.predict(context.only(predictor.needs), num_samples)
         progress(4, NUM_STAGES)
         return prediction, None
+    announce("tracking the camera")
     observed = predictor.observe(context)
     motion = predictor.estimate(observed, num_samples)
     progress(2, NUM_STAGES)
+    announce("reconstructing")
     scene = predictor.reconstruct(observed, motion.past)
     progress(3, NUM_STAGES)
+    announce("rendering")
     past_s, future_s = np.split(context.times_s, [context.num_past])
     prediction = show(scene, motion, context)
     views = scene.view(motion.futures[0], future_s, context.intrinsics)

@@ -57,6 +57,23 @@ class PredictionRequest:
     mask: Path | None = None  # of `Observer`
     device: str | None = None  # of networks that do not name one
 
+    def __post_init__(self) -> None:
+        cameras = {
+            "--intrinsics": self.intrinsics,
+            "--fov": self.fov_deg,
+            "--calibration": self.calibration,
+        }
+        given = [option for option, value in cameras.items() if value is not None]
+        if len(given) > 1:
+            raise BadData(
+                f"{' and '.join(given)} are given, expected at most one: keep one of them"
+            )
+        if self.distortion is not None and given not in (["--intrinsics"], ["--fov"]):
+            raise BadData(
+                "--distortion belongs to --intrinsics or --fov: give one of them, or --calibration "
+                "alone"
+            )
+
     def build(self) -> FramePredictor:
         """The predictor asked for; by default odometry and forecast, refined, and depth fusion."""
         with on_device(self.device):
