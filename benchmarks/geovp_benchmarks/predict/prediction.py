@@ -28,8 +28,7 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     predictor = request.build()
     if lacking := predictor.needs & ~OFFERED:
         raise BadData(
-            f"{registry.name_of(predictor)} needs {lacking.name}, which one's own video does "
-            "not have"
+            f"{registry.name_of(predictor)} needs {lacking.name}, which a video does not have"
         )
     announce("reading frames")
     recording = _recording(request)
@@ -52,7 +51,7 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
 def _run(
     predictor: FramePredictor, context: Context, num_samples: int, progress: Progress
 ) -> tuple[Prediction, Geometry | None]:
-    """The prediction, and what its scene shows when it is made with one."""
+    """Return the prediction, and the views of its scene if it has one."""
     if not isinstance(predictor, GeometricPredictor):
         announce("predicting")
         prediction = predictor.predict(context.only(predictor.needs), num_samples)
@@ -78,7 +77,9 @@ def _run(
 
 def _recording(request: PredictionRequest) -> Recording:
     if request.path.name.isdecimal() and not request.path.exists():
-        return webcam.record(int(request.path.name), max(request.num_past, webcam.NUM_FRAMES))
+        return webcam.record(
+            int(request.path.name), max(request.num_past, 45)
+        )  # enough to estimate the focal length
     if request.path.is_dir() and request.rate_hz is None:
         raise BadData(
             f"{request.path} is a folder of images, which do not say when they were taken: give "
@@ -128,7 +129,7 @@ def _context(
     *,
     with_full: bool,
 ) -> Context:
-    """The observed frames; times to predict go on at the mean rate of these."""
+    """Return the observed frames, with future times at their mean rate."""
     clip: Clip = windows.cut(recording, first, request.num_past, size_px, with_full=with_full)
     step_s = float(np.mean(np.diff(clip.times_s)))
     ahead_s = clip.times_s[-1] + step_s * np.arange(1, request.num_future + 1)
