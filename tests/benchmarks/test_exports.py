@@ -57,14 +57,16 @@ def test_open3d_reads_the_cloud(tmp_path: Path) -> None:
         exports.write_ply(tmp_path / "nowhere/cloud.ply", points, colours)
 
 
-@pytest.mark.parametrize("read", ["read_binary", "read_text"])
-def test_colmap_projects_a_point_to_the_same_pixel(tmp_path: Path, read: str) -> None:
+def test_colmap_projects_a_point_to_the_same_pixel_and_tracks_it(tmp_path: Path) -> None:
     point_cam = np.array([[0.3, -0.2, 5.0]])
     point = se3.transform(POSES[0], point_cam)
     colours = np.array([[9, 8, 7]], np.uint8)
-    exports.write_colmap(tmp_path, CAMERA, ["a.png", "b.png"], POSES, point, colours)
-    model = pycolmap.Reconstruction()
-    getattr(model, read)(str(tmp_path))
+    frame = np.full((24, 32, 3), [200, 100, 50], np.uint8)
+    images = {"a.png": frame, "b.png": frame}
+    depths = np.stack([np.full((24, 32), 5.0), np.full((24, 32), 50.0)])  # b shows a farther wall
+    exports.write_colmap(tmp_path, CAMERA, images, POSES, point, colours, depths)
+    assert (cv2.imread(str(tmp_path / "images" / "b.png"))[..., ::-1] == frame).all()
+    model = pycolmap.Reconstruction(str(tmp_path / "sparse" / "0"))
     assert model.num_images() == 2
     (stored,) = model.points3D.values()
     assert stored.color.tolist() == [9, 8, 7]
@@ -73,6 +75,9 @@ def test_colmap_projects_a_point_to_the_same_pixel(tmp_path: Path, read: str) ->
     np.testing.assert_allclose(image.project_point(stored.xyz), pixel + 0.5, atol=1e-6)
     matrix = image.cam_from_world().matrix()
     np.testing.assert_allclose(matrix, se3.inverse(POSES[0])[:3], atol=1e-9)
+    (element,) = stored.track.elements
+    assert element.image_id == image.image_id
+    np.testing.assert_allclose(image.points2D[element.point2D_idx].xy, pixel + 0.5, atol=1e-6)
 
 
 def test_depth_maps_have_the_values_of_kitti(tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from geovp_benchmarks.predict import exports, plausibility, prediction, predicti
 from geovp_benchmarks.predict.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, FloatArray
+from geovp_classic.geometry import se3
+from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import write_images
 
@@ -53,19 +54,20 @@ def written(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
     cloud = o3d.io.read_point_cloud(str(written / "cloud.ply"))
-    model = pycolmap.Reconstruction(str(written / "colmap"))
+    model = pycolmap.Reconstruction(str(written / "colmap" / "sparse" / "0"))
     assert len(cloud.points) == model.num_points3D() > 1000
     names = [image.name for image in model.images.values()]
     assert len(names) == 11
-    assert all((written / name).is_file() for name in names)
+    assert all((written / "colmap" / "images" / name).is_file() for name in names)
+    assert model.compute_mean_track_length() > 2
 
 
 def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the model's points that lie in an image of it: pixels [N, 2], depths [N] and colours [N,
     3].
     """
-    model = pycolmap.Reconstruction(str(written / "colmap"))
-    (image,) = (one for one in model.images.values() if one.name == name)
+    model = pycolmap.Reconstruction(str(written / "colmap" / "sparse" / "0"))
+    (image,) = (entry for entry in model.images.values() if entry.name == name)
     points = np.stack([point.xyz for point in model.points3D.values()])
     colours = np.stack([point.color for point in model.points3D.values()])
     points_cam = (
@@ -79,7 +81,7 @@ def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatAr
 
 @pytest.mark.parametrize("name", ["seen/000007.png", "frames/000008.png"])
 def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, name: str) -> None:
-    pixels, _, colours = projected(written, name)
+    pixels, _, colours = projected(written, Path(name).name)
     frame = cv2.imread(str(written / name))[..., ::-1].astype(float)
     u, v = np.rint(pixels).astype(int).T
     off = np.abs(frame[v, u] - colours).mean(axis=1)
@@ -90,7 +92,7 @@ def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, 
 
 
 def test_the_cloud_lies_where_depth_maps_and_poses_put_it(written: Path) -> None:
-    pixels, depths, _ = projected(written, "frames/000008.png")
+    pixels, depths, _ = projected(written, "000008.png")
     scale = float((written / "depths" / "scale.txt").read_text().split("/")[1].split(",")[0])
     depth = cv2.imread(str(written / "depths" / "000008.png"), cv2.IMREAD_UNCHANGED) / scale
     u, v = np.rint(pixels).astype(int).T
@@ -260,6 +262,9 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     real = cv2.resize(street.clip().frames[8][..., ::-1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((predicted - real) ** 2))
     assert about["scores"]["psnr"][0] == pytest.approx(psnr, abs=0.01)
+    copied = cv2.imread(str(written / "seen" / "000007.png")).astype(float)
+    copy_psnr = 10 * np.log10(255**2 / np.mean((copied - real) ** 2))
+    assert about["copy_last_scores"]["psnr"][0] == pytest.approx(copy_psnr, abs=0.01)
     assert len(about["scores"]["psnr"]) == 2  # of 3 predicted frames, 2 are recorded
 
 
@@ -346,6 +351,30 @@ def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
         cv2.imread(str(tmp_path / "out" / "samples" / n / "000011.png")) for n in ("001", "002")
     )
     assert (first != second).any()
+    folders = [tmp_path / "out", *(tmp_path / "out" / "samples" / n for n in ("001", "002"))]
+    paths = [pose_files.read_tum(folder / "poses.tum.txt").world_from_cam for folder in folders]
+    np.testing.assert_allclose(paths[1][:8], paths[0][:8])  # the samples have one past
+    assert np.abs(paths[1][8:] - paths[2][8:]).max() > 1e-4
+
+
+def test_a_strip_has_rows_for_prediction_reality_and_copies() -> None:
+    frames = np.full((20, 194, 640, 3), 90, np.uint8)
+    strip = video.strip(frames[0] + 50, frames, frames[:12])
+    assert strip.shape[1] <= 1600
+    left_px = [j * 267 + 100 for j in range(6)]  # of steps 1, 5, 9, 12, 16, 20; 263 px, gaps of 4
+    rows = [strip[i * 106 + 60, left_px, 0].tolist() for i in range(3)]  # 80 px, 22 for labels
+    assert rows == [[90] * 6, [90] * 4 + [255] * 2, [140] * 6]
+
+
+def test_a_slow_turn_is_no_sign_of_a_wrong_principal_point() -> None:
+    """At 1.2 m/s and 6 degrees a second, a camera 2 m before the axle moves 9.9 degrees aside."""
+    yaw_rate, times_s = np.radians(6), 0.1 * np.arange(10)
+    axle = se3.exp(np.outer(times_s, [0, 0, 1.2, 0, yaw_rate, 0]))
+    lever = se3.exp(np.array([0, 0, 2.0, 0, 0, 0]))
+    poses = se3.inverse(lever) @ axle @ lever
+    past = Trajectory(poses, times_s, is_metric=True)
+    motion = Motion(past, poses[None], np.ones(10, bool))
+    assert plausibility.off_axis_deg(motion) == pytest.approx(0.0, abs=0.5)
 
 
 class Webcam:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geovp_benchmarks.results import provenance
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running import planning
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores
 
@@ -117,7 +117,7 @@ class TestReproduction:
         go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
         results = Results(tmp_path)
         results.write_protocol(
-            {**results.protocol(), "versions": {**planning.versions(), "numpy": "1.0"}}
+            {**results.protocol(), "versions": {**provenance.versions(), "numpy": "1.0"}}
         )
         (part,) = results.parts("still")
         results.write_part(

@@ -14,9 +14,9 @@ from geovp_benchmarks.matrix.components import Failure
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
+from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.store import Cell, Part, Results, Rows
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, Task, build_matrix, compute
-from geovp_benchmarks.running.planning import versions
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 

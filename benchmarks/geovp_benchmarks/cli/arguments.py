@@ -87,7 +87,7 @@ def add_results_folder(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
+def add_device(parser: argparse._ActionsContainer) -> None:
     """Let the device of networks be chosen."""
     help_text = (
         "of networks and LPIPS: cpu, cuda, cuda:N, or auto (a GPU if there is one); a part's "

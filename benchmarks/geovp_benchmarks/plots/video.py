@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray
 
 PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above predicted frames
@@ -38,19 +39,36 @@ def mosaic(rows: Sequence[Sequence[ByteArray]], gap_px: int, label_px: int = 0) 
     return sheet
 
 
-def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]) -> ByteArray:
-    """One image [H, W, 3]: a row of frames for every (name, frames), a label above each column,
-    white between.
+def strip(
+    last: ByteArray,  # [H, W, 3], the last observed frame
+    predicted: ByteArray,  # [F, H, W, 3]
+    actual: ByteArray | None,  # [F' <= F, H, W, 3]
+    num_horizons: int = 6,
+    max_width_px: int = 1600,
+    min_frame_px: int = 128,  # room for a label
+) -> ByteArray:
+    """Return one image [H, W, 3] with rows of predicted, real and copied frames over the horizon.
+
+    Columns are evenly spaced steps; the frames are scaled to the width.
     """
-    sheet = mosaic([frames for _, frames in rows], GAP_PX, LABEL_PX)
-    height_px, width_px = rows[0][1][0].shape[:2]
-    for i, (name, frames) in enumerate(rows):
-        for j in range(len(frames)):
-            place = (
-                j * (width_px + GAP_PX) + 2,
-                i * (height_px + GAP_PX + LABEL_PX) + LABEL_PX - 6,
-            )
-            text, font = f"{name} {labels[j]}", cv2.FONT_HERSHEY_SIMPLEX
+    numbers = np.linspace(1, len(predicted), min(num_horizons, len(predicted)))
+    steps = [int(step) for step in numbers.round()]
+    width_px = (max_width_px + GAP_PX) // len(steps) - GAP_PX
+    width_px = min(width_px, max(last.shape[1], min_frame_px))
+    size_px = width_px, max(1, round(last.shape[0] * width_px / last.shape[1]))
+    rows = {"predicted": [predicted[step - 1] for step in steps]}
+    if actual is not None:
+        rows["real"] = [actual[step - 1] for step in steps if step <= len(actual)]
+    rows["copy-last"] = [last] * len(steps)
+    images = [[pinhole.resize(frame, size_px) for frame in row] for row in rows.values() if row]
+    names = [name for name, row in rows.items() if row]
+    sheet = mosaic(images, GAP_PX, LABEL_PX)
+    for i, name in enumerate(names):
+        for j in range(len(images[i])):
+            left_px = j * (width_px + GAP_PX) + 2
+            bottom_px = i * (size_px[1] + GAP_PX + LABEL_PX) + LABEL_PX - 6
+            text, font = f"{name} +{steps[j]}", cv2.FONT_HERSHEY_SIMPLEX
+            place = left_px, bottom_px
             cv2.putText(sheet, text, place, font, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
     return sheet
 

@@ -17,12 +17,6 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import FocalLengthEstimator
 from geovp_classic.types import ByteArray, Intrinsics
 
-DEFAULT_FOV_DEG = 70.0  # of a phone or a dashboard camera, roughly
-NUM_WINDOWS = 4
-ESTIMATION_RATE_HZ = 10.0  # more frames a second are thinned out
-MAX_WIDTH_PX = 1280  # wider images are made smaller for estimation
-BY_HAND = "give --fov, --calibration or --intrinsics if you know better"
-
 
 @dataclass(frozen=True)
 class Camera:
@@ -42,9 +36,7 @@ def find_camera(
     num_seen: int,  # frames up to the last observed one; later ones are not looked at
     asked: PredictionRequest,
 ) -> tuple[Camera, Recording]:
-    """The camera by the best source there is, and its images without distortion; BadData when two
-    sources are given.
-    """
+    """Return the camera by the best available source, and its images without distortion."""
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     given, fov_deg, calibration, path = (
         asked.intrinsics,
@@ -52,13 +44,6 @@ def find_camera(
         asked.calibration,
         asked.path,
     )
-    if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
-        raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
-    if asked.distortion is not None and given is None and fov_deg is None:
-        raise BadData(
-            "--distortion belongs to --intrinsics or --fov: give one of them, or --calibration "
-            "alone"
-        )
     if given is not None:
         return _undistorted(
             recording, Calibration(given, None, asked.distortion or ()), path, "given"
@@ -91,9 +76,7 @@ def find_camera(
 def _undistorted(
     recording: Recording, read: Calibration, file: Path, source: str
 ) -> tuple[Camera, Recording]:
-    """The camera and the images as a pinhole camera of the same focal length sees them, zoomed
-    until none is empty.
-    """
+    """Undistort the images into a pinhole camera of the same focal length, without empty pixels."""
     camera = read.of_size(file, recording.intrinsics.width_px, recording.intrinsics.height_px)
     if (lens := read.lens(camera)) is None:
         return Camera(camera, source), replace(recording, intrinsics=camera)
@@ -103,54 +86,63 @@ def _undistorted(
 
 
 def centred(focal_px: float, width_px: int, height_px: int) -> Intrinsics:
-    """Square pixels, and the principal point at the centre."""
+    """Return a camera with square pixels and a central principal point."""
     return Intrinsics(
         focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
     )
 
 
 def focal_of_fov(fov_deg: float, width_px: int) -> float:
-    """The focal length in pixels of a horizontal field of view."""
+    """Return the focal length in pixels of a horizontal field of view."""
     return float(width_px / 2 / np.tan(np.radians(fov_deg) / 2))
 
 
 def fov_of_focal(focal_px: float, width_px: int) -> float:
-    """The horizontal field of view in degrees of a focal length in pixels."""
+    """Return the horizontal field of view in degrees of a focal length in pixels."""
     return float(np.degrees(2 * np.arctan(width_px / 2 / focal_px)))
 
 
-def _by_motion(recording: Recording, num_seen: int) -> Camera:
-    """The estimate where it is sure, else a usual camera with a warning."""
+def _by_motion(
+    recording: Recording,
+    num_seen: int,
+    assumed_fov_deg: float = 70.0,  # of a phone or a dashboard camera, roughly
+    num_windows: int = 4,
+    max_rate_hz: float = 10.0,
+    max_width_px: int = 1280,
+) -> Camera:
+    """Estimate the focal length, or assume a field of view with a warning."""
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     rate_hz = 1 / float(np.median(np.diff(recording.times_s)))
-    stride = max(1, round(rate_hz / ESTIMATION_RATE_HZ))
+    stride = max(1, round(rate_hz / max_rate_hz))
     estimator = FocalLengthEstimator()
     span = min(estimator.window * stride, num_seen)
     starts = np.unique(
-        np.linspace(0, num_seen - span, max(1, min(NUM_WINDOWS, 2 * num_seen // span - 1))).astype(
+        np.linspace(0, num_seen - span, max(1, min(num_windows, 2 * num_seen // span - 1))).astype(
             int
         )
     )
-    shrink = min(1.0, MAX_WIDTH_PX / width_px)
+    shrink = min(1.0, max_width_px / width_px)
     windows = (
         [_grey(recording, step, shrink) for step in range(first, first + span, stride)]
         for first in starts
     )
-    found = estimator.estimate(windows)
-    if found is not None and found.is_sure:
-        low, focal, high = (each / shrink for each in (found.low_px, found.focal_px, found.high_px))
+    estimate = estimator.estimate(windows)
+    if estimate is not None and estimate.is_sure:
+        low, focal, high = (
+            each / shrink for each in (estimate.low_px, estimate.focal_px, estimate.high_px)
+        )
         return Camera(centred(focal, width_px, height_px), "motion", interval_px=(low, high))
     why = (
-        "too few frames, or hardly any turn" if found is None else "the motion leaves too much room"
+        "too few frames, or hardly any turn"
+        if estimate is None
+        else "the motion leaves too much room"
     )
     words = (
-        f"the focal length cannot be told from the motion ({why}): {DEFAULT_FOV_DEG:g} degrees "
-        "are assumed"
+        f"the focal length cannot be told from the motion ({why}): {assumed_fov_deg:g} degrees "
+        "are assumed; give --fov, --calibration or --intrinsics if you know better"
     )
-    focal_px = focal_of_fov(DEFAULT_FOV_DEG, width_px)
-    return Camera(
-        centred(focal_px, width_px, height_px), "assumed", warnings=(f"{words}; {BY_HAND}",)
-    )
+    focal_px = focal_of_fov(assumed_fov_deg, width_px)
+    return Camera(centred(focal_px, width_px, height_px), "assumed", warnings=(words,))
 
 
 def _grey(recording: Recording, step: int, shrink: float) -> ByteArray:

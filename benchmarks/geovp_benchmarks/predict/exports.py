@@ -3,7 +3,7 @@
 The cloud of a scene is unprojected from its views, so that all kinds of scenes have one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import ByteArray, FloatArray, IntArray, Intrinsics, Views
 
 
 def cloud(
@@ -40,8 +40,8 @@ def _average_voxels(
     points: FloatArray, colours: ByteArray, voxel: float
 ) -> tuple[FloatArray, ByteArray]:
     """Return the mean point [M, 3] and the mean colour [M, 3] of each occupied voxel."""
-    cells = np.floor((points - points.min(axis=0)) / voxel).astype(np.int64)
-    keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    grid = np.floor((points - points.min(axis=0)) / voxel).astype(np.int64)
+    keys = np.ravel_multi_index(tuple(grid.T), tuple(grid.max(axis=0) + 1))
     _, voxels, counts = np.unique(keys, return_inverse=True, return_counts=True)
     columns = [*points.T, *colours.T]
     means = np.stack([np.bincount(voxels, column) / counts for column in columns], axis=1)
@@ -68,32 +68,65 @@ def write_ply(path: Path, points: FloatArray, colours: ByteArray) -> None:
 def write_colmap(
     folder: Path,
     camera: Intrinsics,
-    names: Sequence[str],  # T, of the images
+    images: Mapping[str, ByteArray],  # T frames [H, W, 3] by file name
     world_from_cam: FloatArray,  # [T, 4, 4]
     points: FloatArray,  # [N, 3]
     colours: ByteArray,  # [N, 3]
+    depths: FloatArray,  # [P <= T, H, W], of the first images, for the tracks
+    max_points: int = 50_000,
 ) -> None:
-    """Write a COLMAP model, as binary and as text: a pinhole camera, the poses and the points.
+    """Write `sparse/0` and `images`, the layout that nerfstudio and gsplat read.
 
     COLMAP's pixel coordinates start at the image's corner, ours at the first pixel's centre: its
-    principal point is 0.5 larger. Points have no tracks, since they come from dense depth.
+    principal point is 0.5 larger. The track of a point holds the images with its depth there.
     """
     from geovp_classic.colmap_library import pycolmap
 
+    for name, frame in images.items():
+        write_png(folder / "images" / name, frame)
+    subset = np.linspace(0, len(points) - 1, min(len(points), max_points)).astype(int)
+    points, colours = points[subset], colours[subset]
     model = pycolmap.Reconstruction()
     params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]
     size = {"width": camera.width_px, "height": camera.height_px}
     lens = pycolmap.Camera(model="PINHOLE", params=params, camera_id=1, **size)
     model.add_camera_with_trivial_rig(lens)
+    tracks = [pycolmap.Track() for _ in points]
     poses = se3.inverse(world_from_cam)
-    for image_id, (name, cam_from_world) in enumerate(zip(names, poses, strict=True), 1):
+    for image_id, (name, pose) in enumerate(zip(images, poses, strict=True), 1):
         image = pycolmap.Image(name=name, camera_id=1, image_id=image_id)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(cam_from_world[:3]))
-    for point, colour in zip(points, colours, strict=True):
-        model.add_point3D(point, pycolmap.Track(), colour)
-    folder.mkdir(parents=True, exist_ok=True)
-    model.write_binary(str(folder))
-    model.write_text(str(folder))
+        if image_id <= len(depths):
+            visible, pixels = _visible(points, pose, camera, depths[image_id - 1])
+            points_2d = [pycolmap.Point2D(pixel + 0.5) for pixel in pixels]
+            image.points2D = pycolmap.Point2DList(points_2d)
+            for index, point in enumerate(visible):
+                tracks[point].add_element(image_id, index)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+    for point, track, colour in zip(points, tracks, colours, strict=True):
+        model.add_point3D(point, track, colour)
+    sparse = folder / "sparse" / "0"
+    sparse.mkdir(parents=True)
+    model.write_binary(str(sparse))
+
+
+def _visible(
+    points: FloatArray,  # [N, 3]
+    cam_from_world: FloatArray,  # [4, 4]
+    camera: Intrinsics,
+    depth: FloatArray,  # [H, W]
+    max_depth_difference: float = 0.02,  # relative
+) -> tuple[IntArray, FloatArray]:
+    """Return the indices [M] and pixels [M, 2] of the points on the surface of a depth map."""
+    points_cam = se3.transform(cam_from_world, points)
+    indices = np.flatnonzero(points_cam[:, 2] > 0)
+    pixels, _ = pinhole.project(points_cam[indices], camera)
+    nearest = np.rint(pixels)
+    is_inside = ((nearest >= 0) & (nearest < depth.shape[::-1])).all(axis=1)
+    indices, pixels = indices[is_inside], pixels[is_inside]
+    columns, rows = nearest[is_inside].astype(int).T
+    ratios = depth[rows, columns] / points_cam[indices, 2]
+    is_visible = np.abs(ratios - 1) < max_depth_difference
+    return indices[is_visible], pixels[is_visible]
 
 
 def depth_scale(
@@ -118,3 +151,9 @@ def write_depth(path: Path, depth: FloatArray, scale: float) -> None:
     values = np.clip(np.rint(depth * scale), 1, 65535)
     values = np.where(depth > 0, values, 0).astype(np.uint16)
     path.write_bytes(cv2.imencode(".png", values)[1].tobytes())
+
+
+def write_png(path: Path, image: ByteArray) -> None:
+    """Write an image [H, W, 3] and the folder that it lies in."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())

@@ -1,4 +1,4 @@
-"""Signs that a prediction's motion is wrong, found in the observed frames alone."""
+"""Signs that a prediction's motion is wrong, measured in the observed frames alone."""
 
 from pathlib import Path
 
@@ -8,68 +8,80 @@ from geovp_classic.geometry import se3
 from geovp_classic.odometry.speed_prior import MIN_SPREAD
 from geovp_classic.types import Context, Motion
 
-MIN_TRACKED_SHARE = 0.7
-MAX_OFF_AXIS_DEG = 6.0  # between the optical axis and the direction of travel; at most 2 on KITTI
-STRAIGHT_RAD = np.radians(
-    1.0
-)  # a step with less rotation: in turns a car's camera does travel sideways
 
+def off_axis_deg(
+    motion: Motion,
+    min_speed_m_s: float = 1.0,  # braking pitches a slower camera
+    lever_arm_m: float = 2.0,  # of a camera in front of a car's rear axle
+    slow_speed_m_s: float = 3.0,  # assumed where lengths are not in metres
+) -> float | None:
+    """Return the angle between optical axis and direction of travel that turning cannot explain.
 
-def off_axis_deg(motion: Motion) -> float | None:
-    """The angle between the optical axis and the direction of travel, straight on; None where that
-    never was.
-
-    A camera that looks where it goes travels along its axis: an offset of the principal point turns
-    its path by the angle of that offset, and leaves the observed frames explained.
+    A wrong principal point turns the path by the angle of its offset. A camera in front of the rear
+    axle also moves sideways in turns, by yaw rate times lever arm (the single-track model); this
+    angle is subtracted. None if the camera was stationary, untracked or turning fast.
     """
-    poses = motion.past.world_from_cam
-    steps = se3.inverse(poses[:-1]) @ poses[1:]
+    past = motion.past
+    steps = se3.inverse(past.world_from_cam[:-1]) @ past.world_from_cam[1:]
     lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
-    straight = np.array([se3.rotation_angle_rad(step) < STRAIGHT_RAD for step in steps])
-    usable = straight & (lengths > 0.2 * lengths.max()) & motion.tracked[1:]
-    if not usable.any() or stands(motion):
+    durations_s = np.diff(past.times_s)
+    yaw_rates = np.array([se3.rotation_angle_rad(step) for step in steps]) / durations_s
+    is_usable = (yaw_rates < np.radians(7)) & (lengths > 0.2 * lengths.max()) & motion.tracked[1:]
+    if is_stationary(motion) or not is_usable.any():
         return None
-    right, down, ahead = np.median(steps[usable, :3, 3] / lengths[usable, None], axis=0)
-    return float(np.degrees(np.arctan2(np.hypot(right, down), abs(ahead))))
+    speed_m_s = slow_speed_m_s
+    if past.is_metric:
+        speed_m_s = float(np.median((lengths / durations_s)[is_usable]))
+        if speed_m_s < min_speed_m_s:
+            return None
+    right, down, ahead = np.median(steps[is_usable, :3, 3] / lengths[is_usable, None], axis=0)
+    angle_rad = np.arctan2(np.hypot(right, down), abs(ahead))
+    turning_rad = np.arctan(lever_arm_m * np.median(yaw_rates[is_usable]) / speed_m_s)
+    return float(np.degrees(max(0.0, angle_rad - turning_rad)))
 
 
-def stands(motion: Motion) -> bool:
-    """Whether the camera never moved while it was observed."""
+def is_stationary(motion: Motion) -> bool:
+    """Tell whether the camera never moved while it was observed."""
     return not np.ptp(motion.past.world_from_cam[:, :3, 3], axis=0).any()
 
 
-def warnings(context: Context, motion: Motion) -> list[str]:
-    """Return a sentence for each sign that the motion is not to be trusted."""
-    found, tracked = [], motion.tracked
-    if tracked.mean() < MIN_TRACKED_SHARE:
+def warnings(
+    context: Context,
+    motion: Motion,
+    min_tracked_fraction: float = 0.7,
+    max_off_axis_deg: float = 6.0,  # at most 2 on KITTI, straight ahead
+) -> list[str]:
+    """Return a sentence for each sign that the motion is wrong."""
+    messages, tracked = [], motion.tracked
+    if tracked.mean() < min_tracked_fraction:
         count = f"only {int(tracked.sum())} of {len(tracked)} observed frames could be tracked"
-        found.append(
+        messages.append(
             f"{count}: the motion is mostly a guess; give sharper frames or a larger --size"
         )
     angle_deg = off_axis_deg(motion)
-    if angle_deg is not None and angle_deg > MAX_OFF_AXIS_DEG:
+    if angle_deg is not None and angle_deg > max_off_axis_deg:
         travels = f"the camera travels {angle_deg:.0f} degrees off its optical axis"
-        found.append(f"{travels}: unless it is mounted like that, the principal point is wrong")
+        messages.append(f"{travels}: unless it is mounted like that, the principal point is wrong")
     uncertainty = motion.past.scale_uncertainty or 0.0
     if uncertainty >= MIN_SPREAD:
-        found.append(
+        messages.append(
             "no road was found below the camera: scale from a prior of driving speeds, +- "
             f"{uncertainty:.0%}"
         )
     elif context.camera_height_m is not None and not motion.past.is_metric:
-        found.append(
+        messages.append(
             "no road was found below the camera, so lengths are not in metres in spite of "
             "--camera-height"
         )
-    if stands(motion):
-        found.append(
+    if is_stationary(motion):
+        messages.append(
             "the camera is stationary, so the prediction is static and there is no cloud.ply"
         )
-    return found
+    return messages
 
 
 def free_memory_bytes() -> float:
-    """Memory that new work can take; infinite where the system does not say."""
+    """Return the available memory; infinite where the system does not state it."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         return next(

@@ -14,14 +14,13 @@ from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.predict import plausibility
 from geovp_benchmarks.predict.camera import Camera, fov_of_focal
 from geovp_benchmarks.predict.prediction_request import PredictionRequest
-from geovp_benchmarks.running.planning import versions
+from geovp_benchmarks.results.provenance import versions
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
-METRICS = ("psnr", "ssim", "lpips")
 CAMERA_SOURCES = {
     "given": "as given",
     "fov": "by the given angle of view",
@@ -62,19 +61,19 @@ class Predicted:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """A sentence for everything that speaks against the prediction."""
+        """Return a sentence for each sign that the prediction is wrong."""
         motion = self.prediction.motion
-        found = [] if motion is None else plausibility.warnings(self.context, motion)
+        messages = [] if motion is None else plausibility.warnings(self.context, motion)
         if self.geometry is not None and not self.geometry.scene.is_trusted:
-            found.append(
+            messages.append(
                 f"the scene's error in earlier frames is {self.error_ratio:.0%} of that of copies "
                 "of the last one, so the last frame is predicted: check the intrinsics and --fps"
             )
-        return [*self.camera.warnings, *found]
+        return [*self.camera.warnings, *messages]
 
     @cached_property
     def confidence(self) -> list[float] | None:
-        """What the first sample's frames rest on, per step; see `Prediction.confidence`."""
+        """Return the confidence of the first sample per step; see `Prediction.confidence`."""
         steps = self.prediction.confidence
         return None if steps is None else [round(float(value), 4) for value in steps[0]]
 
@@ -87,24 +86,29 @@ class Predicted:
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:
-        """Per step and metric, the first sample beside the recorded future; without LPIPS where it
-        has no weights.
-        """
+        """Return each metric per step, of the first sample against the recorded future."""
+        return self._score(self.prediction.frames[0])
+
+    @cached_property
+    def copy_last_scores(self) -> dict[str, list[float]]:
+        """Return each metric per step, of copies of the last observed frame."""
+        return self._score(self.context.frames[[-1] * self.context.num_future])
+
+    def _score(self, frames: ByteArray) -> dict[str, list[float]]:
         if self.actual is None:
             return {}
-        predicted, found = self.prediction.frames[0, : len(self.actual)], {}
-        for name in (
-            METRICS if os.environ.get("GEOVP_LPIPS_WEIGHTS") else METRICS[:2]
-        ):  # it would download them
-            with contextlib.suppress(
-                GeovpError
-            ):  # images too small for a metric, or torch is missing
-                values = registry.build("frame_metrics", name)(predicted, self.actual, None)
-                found[name] = [round(float(value), 4) for value in values]
-        return found
+        scores, metrics = {}, ["psnr", "ssim"]
+        if os.environ.get("GEOVP_LPIPS_WEIGHTS"):  # they are not downloaded here
+            metrics.append("lpips")
+        for name in metrics:
+            with contextlib.suppress(GeovpError):  # the images are too small, or torch is missing
+                metric = registry.build("frame_metrics", name)
+                values = metric(frames[: len(self.actual)], self.actual, None)
+                scores[name] = [round(float(value), 4) for value in values]
+        return scores
 
     def about(self) -> dict[str, Any]:
-        """Settings, camera, plausibility and scores, for predict.json."""
+        """Return the contents of predict.json: settings, camera, plausibility and scores."""
         motion, camera, asked = (
             self.prediction.motion,
             self.camera,
@@ -133,10 +137,11 @@ class Predicted:
             "scene_mask_fraction": self.scene_mask_fraction,
             "warnings": self.warnings,
             "scores": self.scores,
+            "copy_last_scores": self.copy_last_scores,
         }
 
     def summary(self) -> list[str]:
-        """What the prediction rests on, a line each, and a line for every warning."""
+        """Return lines about camera, motion, confidence and scores, and a line per warning."""
         camera, motion = self.camera, self.prediction.motion
         focal_px, width_px = camera.intrinsics.fx_px, camera.intrinsics.width_px
         sure = (
@@ -170,10 +175,13 @@ class Predicted:
                 f"confidence: {self.confidence[0]:.2f} at the first step, "
                 f"{self.confidence[-1]:.2f} at the last"
             )
-        means = [f"{name} {np.mean(values):.3f}" for name, values in self.scores.items()]
-        lines += (
-            [f"scores: {', '.join(means)}, means over {len(self.actual)} recorded frames"]
-            if self.actual is not None
-            else []
-        )
+        if self.actual is not None:
+            means = [
+                f"{name} {np.mean(values):.3f} (copy-last {np.mean(copied):.3f})"
+                for (name, values), copied in zip(
+                    self.scores.items(), self.copy_last_scores.values(), strict=True
+                )
+            ]
+            count = f"means over {len(self.actual)} recorded frames"
+            lines.append(f"scores: {', '.join(means)}; {count}")
         return [*lines, *(f"warning: {warning}" for warning in self.warnings)]

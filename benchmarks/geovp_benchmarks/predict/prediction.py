@@ -8,7 +8,7 @@ from geovp_benchmarks.predict import webcam
 from geovp_benchmarks.predict.camera import find_camera
 from geovp_benchmarks.predict.predicted import Geometry, Predicted
 from geovp_benchmarks.predict.prediction_request import PredictionRequest, check_memory, output_size
-from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress, announce
 from geovp_classic import registry
 from geovp_classic.data import windows
 from geovp_classic.data.windows import Recording
@@ -28,15 +28,16 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     predictor = request.build()
     if lacking := predictor.needs & ~OFFERED:
         raise BadData(
-            f"{registry.name_of(predictor)} needs {lacking.name}, which one's own video does "
-            "not have"
+            f"{registry.name_of(predictor)} needs {lacking.name}, which a video does not have"
         )
+    announce("reading frames")
     recording = _recording(request)
     first = _first(request, len(recording.frames))
     size_px = output_size(
         request.size_px, recording.intrinsics.width_px, recording.intrinsics.height_px
     )
     check_memory(size_px, request.num_past, request.num_future * request.num_samples)
+    announce("calibrating")
     camera, recording = find_camera(recording, first + request.num_past, request)
     context = _context(
         request, recording, first, size_px, with_full=PrivilegedInput.FULL_FRAMES in predictor.needs
@@ -50,16 +51,20 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
 def _run(
     predictor: FramePredictor, context: Context, num_samples: int, progress: Progress
 ) -> tuple[Prediction, Geometry | None]:
-    """The prediction, and what its scene shows when it is made with one."""
+    """Return the prediction, and the views of its scene if it has one."""
     if not isinstance(predictor, GeometricPredictor):
+        announce("predicting")
         prediction = predictor.predict(context.only(predictor.needs), num_samples)
         progress(4, NUM_STAGES)
         return prediction, None
+    announce("tracking the camera")
     observed = predictor.observe(context)
     motion = predictor.estimate(observed, num_samples)
     progress(2, NUM_STAGES)
+    announce("reconstructing")
     scene = predictor.reconstruct(observed, motion.past)
     progress(3, NUM_STAGES)
+    announce("rendering")
     past_s, future_s = np.split(context.times_s, [context.num_past])
     prediction = show(scene, motion, context)
     views = scene.view(motion.futures[0], future_s, context.intrinsics)
@@ -72,7 +77,9 @@ def _run(
 
 def _recording(request: PredictionRequest) -> Recording:
     if request.path.name.isdecimal() and not request.path.exists():
-        return webcam.record(int(request.path.name), max(request.num_past, webcam.NUM_FRAMES))
+        return webcam.record(
+            int(request.path.name), max(request.num_past, 45)
+        )  # enough to estimate the focal length
     if request.path.is_dir() and request.rate_hz is None:
         raise BadData(
             f"{request.path} is a folder of images, which do not say when they were taken: give "
@@ -122,7 +129,7 @@ def _context(
     *,
     with_full: bool,
 ) -> Context:
-    """The observed frames; times to predict go on at the mean rate of these."""
+    """Return the observed frames, with future times at their mean rate."""
     clip: Clip = windows.cut(recording, first, request.num_past, size_px, with_full=with_full)
     step_s = float(np.mean(np.diff(clip.times_s)))
     ahead_s = clip.times_s[-1] + step_s * np.arange(1, request.num_future + 1)

@@ -14,14 +14,6 @@ from geovp_classic.predictors.geometric import GeometricPredictor
 
 Spec = dict[str, Any] | str
 
-LONGER_SIDE_PX = 640  # of predicted frames, unless a size is given
-BASE_BYTES = 4e8
-PLANE_BYTES, FRAME_BYTES = (
-    6,
-    40,
-)  # a pixel; with 10 + 20 frames 1.1 GiB were measured at 640x640, 2.3 at 1280x720
-NUM_PLANES, TALL_PX = 96, 320  # of the depth sweep, proportionally more over taller images
-
 
 @dataclass(frozen=True)
 class PredictionRequest:
@@ -57,8 +49,25 @@ class PredictionRequest:
     mask: Path | None = None  # of `Observer`
     device: str | None = None  # of networks that do not name one
 
+    def __post_init__(self) -> None:
+        cameras = {
+            "--intrinsics": self.intrinsics,
+            "--fov": self.fov_deg,
+            "--calibration": self.calibration,
+        }
+        given = [option for option, value in cameras.items() if value is not None]
+        if len(given) > 1:
+            raise BadData(
+                f"{' and '.join(given)} are given, expected at most one: keep one of them"
+            )
+        if self.distortion is not None and given not in (["--intrinsics"], ["--fov"]):
+            raise BadData(
+                "--distortion belongs to --intrinsics or --fov: give one of them, or --calibration "
+                "alone"
+            )
+
     def build(self) -> FramePredictor:
-        """The predictor asked for; by default odometry and forecast, refined, and depth fusion."""
+        """Build the predictor; by default refined odometry and forecast, and depth fusion."""
         with on_device(self.device):
             predictor = self._build()
         if self.mask is None:
@@ -93,7 +102,7 @@ class PredictionRequest:
         return GeometricPredictor(pose_source, registry.build("renderers", renderer, "--renderer"))
 
     def _best(self, frames: str) -> Spec:
-        """Metres where the height gives them."""
+        """Return the default pose source, in metres if the camera height is given."""
         scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
         odometry = {"name": "monocular", "frames": frames, "scale": {"name": scale}}
         return {
@@ -117,26 +126,23 @@ def _of_method(file: str, label: str) -> FramePredictor:
 
 
 def output_size(
-    asked: tuple[int, int] | int | None, width_px: int, height_px: int
+    asked: tuple[int, int] | int | None, width_px: int, height_px: int, max_side_px: int = 640
 ) -> tuple[int, int]:
-    """Width and height of predicted frames; by default the video's aspect, even and at most
-    LONGER_SIDE_PX long.
-    """
+    """Return width and height of predicted frames; by default even, in the video's aspect."""
     if isinstance(asked, int):
         return asked, asked
     if asked is not None:
         return asked
-    scale = min(1.0, LONGER_SIDE_PX / max(width_px, height_px))
+    scale = min(1.0, max_side_px / max(width_px, height_px))
     return max(2, 2 * round(width_px * scale / 2)), max(2, 2 * round(height_px * scale / 2))
 
 
 def check_memory(size_px: tuple[int, int], num_past: int, num_future: int) -> None:
-    """BadData when frames of that size and number will not fit into the memory that is free."""
+    """Raise BadData if frames of that size and number do not fit into the free memory."""
+    # Measured with 10 + 20 frames: 1.1 GiB at 640x640, 2.3 GiB at 1280x720.
     width_px, height_px = size_px
-    planes = NUM_PLANES * max(1, height_px / TALL_PX)
-    needed = BASE_BYTES + width_px * height_px * (
-        PLANE_BYTES * planes + FRAME_BYTES * (num_past + num_future)
-    )
+    sweep_bytes = 6 * 96 * max(1, height_px / 320)  # a pixel; taller images have more planes
+    needed = 4e8 + width_px * height_px * (sweep_bytes + 40 * (num_past + num_future))
     free = plausibility.free_memory_bytes()
     if needed > free:
         raise BadData(

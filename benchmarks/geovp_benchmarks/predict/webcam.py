@@ -10,9 +10,6 @@ from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Intrinsics
 
-NUM_FRAMES = 45  # so that the focal length can be estimated
-MIN_STEP_S = 0.08  # frames that follow faster are left out: forecasts were made for 10 Hz
-
 
 @dataclass(frozen=True)
 class HeldFrames:
@@ -24,14 +21,12 @@ class HeldFrames:
         return len(self.frames)
 
     def read(self, index: int) -> ByteArray:
-        """One frame [H, W, 3]."""
+        """Return a frame [H, W, 3]."""
         return self.frames[index]
 
 
-def record(number: int, num_frames: int) -> Recording:
-    """The next frames of a webcam with the times at which they came; BadData without
-    such a camera.
-    """
+def record(number: int, num_frames: int, min_step_s: float = 0.08) -> Recording:
+    """Record frames of a webcam with their times, at most every min_step_s; BadData without it."""
     capture, frames, times_s = cv2.VideoCapture(number), list[ByteArray](), list[float]()
     try:
         while len(frames) < num_frames:
@@ -42,7 +37,7 @@ def record(number: int, num_frames: int) -> Recording:
                     "of images"
                 )
             now_s = time.monotonic()
-            if not times_s or now_s - times_s[-1] >= MIN_STEP_S:
+            if not times_s or now_s - times_s[-1] >= min_step_s:
                 frames.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8))
                 times_s.append(now_s)
     finally:

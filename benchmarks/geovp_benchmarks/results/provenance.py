@@ -1,8 +1,11 @@
 """Where a row's numbers come from: the id of its protocol, and what its networks' weights are."""
 
+import contextlib
 import hashlib
 import json
+import platform
 from collections.abc import Iterable, Mapping
+from importlib import metadata
 from typing import Any
 
 from geovp_benchmarks.results.store import Cell
@@ -58,3 +61,15 @@ def weights_notes(cells: Iterable[Cell]) -> list[str]:
         for note in cell.record.get("about", ()) if cell.num_clips else ():
             users.setdefault(note, []).append(cell.label)
     return [f"{note} ({', '.join(labels)})." for note, labels in users.items()]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that numbers depend on, and the kind of processor."""
+    from llvmlite.binding import get_host_cpu_name
+
+    installed = {"python": platform.python_version(), "processor": get_host_cpu_name()}
+    packages = "geovp-classic numpy scipy numba opencv-contrib-python-headless open3d pycolmap"
+    for package in [*packages.split(), "torch"]:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            installed[package] = metadata.version(package)
+    return installed

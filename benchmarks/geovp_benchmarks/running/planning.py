@@ -2,19 +2,14 @@
 describes them.
 """
 
-import contextlib
 import dataclasses
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from llvmlite.binding import get_host_cpu_name
-
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.results.provenance import content_hash, protocol_id
+from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Results, check_clip_name
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, build_matrix
 from geovp_benchmarks.running.locking import Claim, unclaimed
@@ -24,16 +19,6 @@ from geovp_classic.errors import BadData
 
 CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
-VERSIONS_OF = (
-    "geovp-classic",
-    "numpy",
-    "scipy",
-    "numba",
-    "opencv-contrib-python-headless",
-    "open3d",
-    "pycolmap",
-    "torch",
-)
 NOT_HASHED = ("with_full", "with_right")  # follow from the components' needs
 
 
@@ -161,14 +146,3 @@ def _shared(built: BuiltMatrix) -> str:
 def _split_hash(built: BuiltMatrix) -> str:
     """The data set's hash of the frames it consists of, "" where its settings determine them."""
     return str(getattr(built.dataset, "split_hash", ""))
-
-
-def versions() -> dict[str, str]:
-    """Installed versions of the packages that numbers depend on, and the kind of processor, such as
-    "znver3".
-    """
-    installed = {"python": platform.python_version(), "processor": get_host_cpu_name()}
-    for package in VERSIONS_OF:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            installed[package] = metadata.version(package)
-    return installed

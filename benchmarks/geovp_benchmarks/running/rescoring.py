@@ -3,10 +3,9 @@ is needed.
 """
 
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.results.provenance import content_hash, protocol_id
+from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Cell, Part, Results, Rows
 from geovp_benchmarks.running.metric_set import MetricSet
-from geovp_benchmarks.running.planning import versions
 from geovp_benchmarks.running.profiling import StageProfiler
 from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
 from geovp_classic.errors import BadData
