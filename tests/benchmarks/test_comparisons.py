@@ -52,6 +52,15 @@ def test_a_row_with_more_inputs_is_not_bold_below_a_better_row_with_fewer() -> N
     assert bold(seer, plain, row("worse", SCENES - 2 + OWN[2])) == {"plain"}
 
 
+def test_a_positive_error_is_not_bold_below_an_exact_one_whatever_its_interval_holds() -> None:
+    column = Column("psnr", "translation error", higher_is_better=False, decimals=3)
+    error = np.zeros(30)
+    error[7] = 2.7  # .09 m on average, with an interval that reaches zero
+    rows = [row("exact", np.zeros(30)), row("off", error), row("worse", SCENES)]
+    assert rows[1].intervals["psnr"].low <= 0
+    assert {name for name, _ in best(rows, [column], CLIPS)} == {"exact"}
+
+
 def test_nothing_is_bold_below_eight_effective_clips() -> None:
     drift = np.linspace(0, 30, 30)  # each clip is like the one before it
     rows = row("a", SCENES[0] + drift), row("b", SCENES[0] + drift - 1)

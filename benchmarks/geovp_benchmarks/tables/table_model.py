@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from geovp_benchmarks.analysis import intervals, statistics
-from geovp_benchmarks.analysis.intervals import LEVEL, UNBOUNDED, Bounds, Interval
+from geovp_benchmarks.analysis.intervals import UNBOUNDED, Bounds, Interval
 from geovp_benchmarks.analysis.statistics import Estimate
 from geovp_benchmarks.results.store import Cell
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.05
 MIN_EFFECTIVE = 8.0  # clips, below which no value is in bold
@@ -50,6 +49,11 @@ class Row:
     intervals: Mapping[str, Interval]  # by column
     protocol: str = ""  # the id of what it was computed under
 
+    def has_no_error(self, key: str) -> bool:
+        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
+        values = self.values.get(key, np.array([np.nan]))
+        return bool(np.isfinite(values).any() and np.nanmax(np.abs(values)) < 1e-6)
+
     @classmethod
     def of(
         cls,
@@ -61,7 +65,7 @@ class Row:
         by_truth: bool = False,
         protocol: str = "",
         bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
-        level: float = LEVEL,
+        level: float = 0.95,
     ) -> Self:
         """Return the row with its estimates."""
         sequences, ends = intervals.sequences_of(clips), bounds or {}
@@ -201,8 +205,7 @@ def different(rows: Sequence[Row], column: Column) -> list[Row]:
     return [
         row
         for row in rows
-        if column.key in row.intervals
-        and (row.intervals[column.key].low > 0 or row.intervals[column.key].high < 0)
+        if column.key in row.intervals and row.intervals[column.key].excludes_zero
     ]
 
 
@@ -236,9 +239,7 @@ def _may_rival(other: Row, row: Row) -> bool:
     return set(other.marks) <= set(row.marks) and other.by_truth == row.by_truth
 
 
-def _is_beaten(
-    row: Row, rivals: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_]
-) -> bool:
+def _is_beaten(row: Row, rivals: Sequence[Row], column: Column, sequences: IntArray) -> bool:
     """Return whether a rival is better, p < .05 after Bonferroni's correction for better means.
 
     Too few effective clips count as beaten.
@@ -247,7 +248,9 @@ def _is_beaten(
     key = column.key
     mean = sign * float(row.estimates[key].mean)
     better = [rival for rival in rivals if sign * float(rival.estimates[key].mean) > mean]
-    if any(one.intervals[key].effective < MIN_EFFECTIVE for one in (row, *better)):
+    if not column.higher_is_better and any(rival.has_no_error(key) for rival in better):
+        return True  # a positive error is worse than none, which needs no test
+    if any(method.intervals[key].effective < MIN_EFFECTIVE for method in (row, *better)):
         return True
     for rival in sorted(better, key=lambda rival: -sign * float(rival.estimates[key].mean)):
         gap = sign * (rival.values[key] - row.values[key])

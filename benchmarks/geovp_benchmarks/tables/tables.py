@@ -45,6 +45,7 @@ BOLD = (
 FEW = "No value is in bold if it or a better rival has fewer than eight effective clips."
 SIMULTANEOUS = "simultaneous 95 % intervals (Bonferroni) of the mean paired difference"
 STAR = "*: the interval excludes zero."
+EXACT = "{} has no {}: what others have is printed without a test."
 BEST_OF = (
     "Oracle-selected: a best sample is selected with the real future, which is unavailable at "
     "prediction time, so such methods compete only with each other. 'best of N' selects per "
@@ -148,6 +149,12 @@ def against(
     clips, rows = results.protocol()["clips"], []
     others = [row for row in main.rows if row is not chosen and row.num_clips]
     level = 1 - SIGNIFICANT / max(len(others), 1)
+    exact = [
+        column.key
+        for column in main.columns
+        if column.higher_is_better is False and chosen.has_no_error(column.key)
+    ]
+    at_least_zero = dict.fromkeys(exact, (0.0, np.inf))
     for row in others:
         values = {
             key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values
@@ -155,13 +162,26 @@ def against(
         both = np.isfinite(np.array([*values.values()])).any(axis=0)
         rows.append(
             Row.of(
-                row.name, row.marks, values, clips, both, row.by_truth, row.protocol, level=level
+                row.name,
+                row.marks,
+                values,
+                clips,
+                both,
+                row.by_truth,
+                row.protocol,
+                at_least_zero,
+                level,
             )
         )
     columns = tuple(
         column for column in main.columns if any(column.key in row.values for row in rows)
     )
-    starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
+    starred = {
+        (row.name, column.key)
+        for column in columns
+        if column.key not in exact
+        for row in different(rows, column)
+    }
     whole = main.title.partition(":")[0]
     heading = f"{whole}: differences from {name}"
     table = Table(
@@ -174,6 +194,7 @@ def against(
             main.notes[0],
             kind.replace("95 % interval of the mean", SIMULTANEOUS),
             *[STAR] * bool(starred),
+            *[EXACT.format(name, ", ".join(map(title, exact)))] * bool(exact),
         ),
     )
 
