@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.schema import CONFIDENCE
+from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import higher_is_better
 from geovp_classic.errors import BadData

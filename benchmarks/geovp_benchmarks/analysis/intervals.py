@@ -21,10 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, special
 
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
 
-Bounds = tuple[float, float]
-UNBOUNDED: Bounds = (-np.inf, np.inf)
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, "
     "since neighbouring clips overlap"

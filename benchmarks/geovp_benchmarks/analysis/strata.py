@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.schema import COVERAGE
+from geovp_benchmarks.results.score_names import COVERAGE
 from geovp_benchmarks.results.store import Cell, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest

@@ -9,8 +9,9 @@ from typing import Literal, Self
 import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
-from geovp_benchmarks.analysis.intervals import UNBOUNDED, Bounds, Interval
+from geovp_benchmarks.analysis.intervals import Interval
 from geovp_benchmarks.analysis.statistics import Estimate
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Cell
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest

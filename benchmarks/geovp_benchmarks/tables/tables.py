@@ -10,8 +10,8 @@ import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.analysis.statistics import Cube
-from geovp_benchmarks.matrix.schema import ALWAYS_SCORED, COVERAGE
 from geovp_benchmarks.results import provenance
+from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE
 from geovp_benchmarks.results.store import Cell, Results, Rows
 from geovp_benchmarks.results.stored_facts import (
     bounds,
