@@ -60,62 +60,55 @@ def build(
     strict: bool = False,
     choice: Choice = EVERYTHING,
 ) -> list[Table]:
-    """The main table (whole frames and poses), then one per frame metric that was also taken over
-    sets of pixels.
+    """Return the main table (whole frames and poses), then those over sets of pixels and samples.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
-    out. Of a choice of columns there is but one table, and rows compete among those chosen.
+    out. Of a choice of columns there is but one table, and methods compete among those chosen.
     """
     protocol, cells = results.protocol(), choice.cells(results.cells())
-    rows = {
-        cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")
-    }
-    failures = {name: results.failures(name) for name in rows}
+    ran = [cell for cell in cells if cell.status in ("done", "partial")]
+    failures = {cell.name: results.failures(cell.name) for cell in ran}
+    scores = {cell.name: results.scores(cell.name) for cell in ran}
     if strict:
-        rows = {
-            name: one.of_clips({*one.clip.categories} - failures[name].keys())
-            for name, one in rows.items()
-        }
-    keys = _keys(rows.values())
+        for name, rows in scores.items():
+            scores[name] = rows.of_clips({*rows.clip.categories} - failures[name].keys())
+    keys = _keys(scores.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
-    main = choice.columns(metrics, keys) or [name for name in metrics if name not in ALWAYS_SCORED]
-    methods = [
-        line
-        for cell in cells
-        if cell.name in rows
-        for line in _lines(cell, rows[cell.name], protocol)
-    ]
-    methods = choice.rows(methods)
-    tables = [
-        _table(
-            "scores",
-            "whole frames and poses",
-            {key: title(key) for key in main},
-            protocol,
-            methods,
-            cells,
-        )
-    ]
-    for name in (name for name in main if not choice.metrics and metrics[name]["role"] == "frame"):
-        apart = [key for key in keys if key.startswith(f"{name}@")]
-        if apart:
-            columns = {
-                name: "all pixels",
-                **{key: f"{key.partition('@')[2]} pixels" for key in apart},
-            }
-            columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
-            heading = f"{title(name)} over sets of pixels"
-            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+    main = choice.columns(metrics, keys) or [key for key in metrics if key not in ALWAYS_SCORED]
+    lines = [line for cell in ran for line in _lines(cell, scores[cell.name], protocol)]
+    methods = choice.rows(lines)
+    headings = {key: title(key) for key in main}
+    tables = [_table("scores", "whole frames and poses", headings, protocol, methods, cells)]
     if not choice.metrics:
-        tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
-    excuses = [
-        _excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)
-    ]
+        frame_metrics = [name for name in main if metrics[name]["role"] == "frame"]
+        tables += _pixel_tables(frame_metrics, keys, protocol, methods, cells)
+        tables += [table for name in main for table in _sampled(name, protocol, cells, scores)]
+    excuses = [_excuse(cell, failures[cell.name], strict) for cell in ran if failures[cell.name]]
     tables = [replace(table, spread=spread) for table in tables]
     return [
         replace(table, notes=(table.notes[0], *_used(table), *table.notes[1:], *excuses))
         for table in tables
     ]
+
+
+def _pixel_tables(
+    metrics: Sequence[str],
+    keys: Sequence[str],
+    protocol: Mapping[str, Any],
+    methods: Sequence[Row],
+    cells: Sequence[Cell],
+) -> list[Table]:
+    """Return a table per metric that was also taken over sets of pixels."""
+    tables = []
+    for name in metrics:
+        sets = [key for key in keys if key.startswith(f"{name}@")]
+        if sets:
+            columns = {name: "all pixels"}
+            columns |= {key: f"{key.partition('@')[2]} pixels" for key in sets}
+            columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
+            heading = f"{title(name)} over sets of pixels"
+            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+    return tables
 
 
 def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
@@ -132,70 +125,67 @@ def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
 def against(
     results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING
 ) -> Table:
-    """Paired differences of all rows of the main table from one of them, over the clips that both
-    have.
+    """Return paired differences of the main table's methods from one, over their common clips.
 
-    Of a method with samples the row of the mean one.
+    A method with samples is compared by its mean over them.
     """
     main = build(results, strict=strict, choice=choice.including(name))[0]
-    chosen = next(
-        (row for row in main.rows if row.name == name or row.name.startswith(f"{name}, mean of ")),
-        None,
+    names = [method.name for method in main.rows]
+    matches = (
+        method
+        for method in main.rows
+        if method.name == name or method.name.startswith(f"{name}, mean of ")
     )
-    if chosen is None:
-        raise BadData(
-            f"no method is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
-        )
-    clips, rows = results.protocol()["clips"], []
-    others = [row for row in main.rows if row is not chosen and row.num_clips]
-    level = 1 - SIGNIFICANT / max(len(others), 1)
+    reference = next(matches, None)
+    if reference is None:
+        raise BadData(f"no method is called {name!r}{registry.nearest(name, names)}")
     exact = [
         column.key
         for column in main.columns
-        if column.higher_is_better is False and chosen.has_no_error(column.key)
+        if column.higher_is_better is False and reference.has_no_error(column.key)
     ]
-    at_least_zero = dict.fromkeys(exact, (0.0, np.inf))
-    for row in others:
-        values = {
-            key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values
-        }
-        both = np.isfinite(np.array([*values.values()])).any(axis=0)
-        rows.append(
-            Row.of(
-                row.name,
-                row.marks,
-                values,
-                clips,
-                both,
-                row.by_truth,
-                row.protocol,
-                at_least_zero,
-                level,
-            )
-        )
+    others = [method for method in main.rows if method is not reference and method.num_clips]
+    level = 1 - SIGNIFICANT / max(len(others), 1)
+    clips = results.protocol()["clips"]
+    rows = [_difference(method, reference, clips, exact, level) for method in others]
     columns = tuple(
         column for column in main.columns if any(column.key in row.values for row in rows)
     )
-    starred = {
+    starred = frozenset(
         (row.name, column.key)
         for column in columns
         if column.key not in exact
         for row in different(rows, column)
-    }
-    whole = main.title.partition(":")[0]
-    heading = f"{whole}: differences from {name}"
-    table = Table(
-        "against", heading, columns, tuple(rows), (), frozenset(), starred=frozenset(starred)
     )
-    kind, *_ = _used(table)
-    return replace(
-        table,
-        notes=(
-            main.notes[0],
-            kind.replace("95 % interval of the mean", SIMULTANEOUS),
-            *[STAR] * bool(starred),
-            *[EXACT.format(name, ", ".join(map(title, exact)))] * bool(exact),
-        ),
+    heading = f"{main.title.partition(':')[0]}: differences from {name}"
+    table = Table("against", heading, columns, tuple(rows), (), frozenset(), starred=starred)
+    kind = _used(table)[0].replace("95 % interval of the mean", SIMULTANEOUS)
+    notes = [main.notes[0], kind, *[STAR] * bool(starred)]
+    if exact:
+        notes.append(EXACT.format(name, ", ".join(map(title, exact))))
+    return replace(table, notes=tuple(notes))
+
+
+def _difference(
+    method: Row, reference: Row, clips: Sequence[str], exact: Sequence[str], level: float
+) -> Row:
+    """Return a method's values less those of the reference, which has no error in `exact`."""
+    values = {
+        key: array - reference.values[key]
+        for key, array in method.values.items()
+        if key in reference.values
+    }
+    has_both = np.isfinite(np.array([*values.values()])).any(axis=0)
+    return Row.of(
+        method.name,
+        method.marks,
+        values,
+        clips,
+        has_both,
+        method.by_truth,
+        method.protocol,
+        dict.fromkeys(exact, (0.0, np.inf)),
+        level,
     )
 
 
