@@ -56,8 +56,9 @@ def sequence_of(clip: str) -> str:
 
 def sequences_of(clips: Iterable[str]) -> IntArray:
     """Return the number [N] of the sequence of each clip."""
-    names = np.array([sequence_of(clip) for clip in clips])
-    return np.asarray(np.unique(names, return_inverse=True)[1])
+    names = [sequence_of(clip) for clip in clips]
+    numbers = {name: number for number, name in enumerate(sorted(set(names)))}
+    return np.array([numbers[name] for name in names], np.int64)
 
 
 def interval(
@@ -181,9 +182,9 @@ class BlockBootstrap:
         The values [N] are in the order of the groups; correlation is visible at that many lags.
         """
         off, count, num_groups = groups.centred(values), len(values), len(groups.lengths)
-        variance = float(off @ off) / count
+        variance = float((off**2).mean())
         max_lag = min(int(groups.lengths.max()) // 3, max(self.max_lag, 2 * count // num_groups))
-        if variance <= 1e-12 * float(values @ values) / count or not max_lag:
+        if variance <= 1e-12 * float((values**2).mean()) or not max_lag:
             return 1.0, 0
         measured = groups.autocovariance(off, max_lag) / variance
         tau, visible = 1.0, 0
@@ -210,7 +211,7 @@ class BlockBootstrap:
         off, count, correlation = values - values.mean(), len(values), (tau - 1) / (tau + 1)
         num_long = count - groups.num_short
         long_lengths = groups.lengths[: len(groups.lengths) - (groups.num_short > 0)]
-        powers = float(off[num_long:] @ off[num_long:])
+        powers = float((off[num_long:] ** 2).sum())
         expected, num = float(groups.num_short - 1), groups.num_short - 1
         num_slow = max(self.min_slow, self.slow_fraction * count / tau)
         for length in np.unique(long_lengths).tolist():  # sequences of one length at a time

@@ -35,7 +35,7 @@ from geovp_benchmarks.tables.table_model import (
 )
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
@@ -249,7 +249,7 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
     higher = {key: higher_is_better(key, about) for key, about in abouts.items()}
     ends = {key: bounds(key, about) for key, about in abouts.items()}
     clips, lines = protocol["clips"], []
-    scored = np.isin(clips, rows.clip.categories)
+    scored = _is_among(clips, rows.clip.categories)
     for suffix, reduce in _reductions(cubes, higher, protocol).items():
         values = {
             key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()
@@ -264,11 +264,20 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
     return lines
 
 
+def _is_among(clips: Sequence[str], scored: Sequence[str]) -> BoolArray:
+    """Return which clips [N] a method has scores of."""
+    names = set(scored)
+    return np.array([clip in names for clip in clips], bool)
+
+
 def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
     """The means over steps of values [n, F] in the order of all clips [N], NaN for those that the
     cube lacks.
     """
-    means = dict(zip(cube.clips, statistics.over_steps(values).tolist(), strict=True))
+    steps = statistics.over_steps(values)
+    if cube.clips == tuple(clips):
+        return steps
+    means = dict(zip(cube.clips, steps.tolist(), strict=True))
     return np.array([means.get(clip, np.nan) for clip in clips])
 
 
@@ -318,7 +327,7 @@ def _sampled(
             if k <= curve.shape[1]
         }
         ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
-        scored = np.isin(clips, cube.clips)
+        scored = _is_among(clips, cube.clips)
         lines.append(
             Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends)
         )
