@@ -8,7 +8,7 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Column, Row, best
+from geovp_benchmarks.tables.table_model import Column, MethodScores, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -18,11 +18,11 @@ SCENES = np.random.default_rng(0).normal(20.0, 3.0, 30)  # how hard each clip is
 OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
-def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> Row:
-    return Row.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
+def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
+    return MethodScores.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
 
 
-def bold(*rows: Row) -> set[str]:
+def bold(*rows: MethodScores) -> set[str]:
     return {name for name, _ in best(rows, [PSNR], CLIPS)}
 
 

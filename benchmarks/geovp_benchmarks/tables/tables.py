@@ -27,7 +27,7 @@ from geovp_benchmarks.tables.table_model import (
     SIGNIFICANT,
     Choice,
     Column,
-    Row,
+    MethodScores,
     Spread,
     Table,
     best,
@@ -95,7 +95,7 @@ def _pixel_tables(
     metrics: Sequence[str],
     keys: Sequence[str],
     protocol: Mapping[str, Any],
-    methods: Sequence[Row],
+    methods: Sequence[MethodScores],
     cells: Sequence[Cell],
 ) -> list[Table]:
     """Return a table per metric that was also taken over sets of pixels."""
@@ -112,7 +112,7 @@ def _pixel_tables(
 
 
 def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
-    """Which clips a method could not predict, why, and how they count."""
+    """Return which clips a method could not predict, why, and how they count."""
     treated = (
         "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
     )
@@ -167,8 +167,12 @@ def against(
 
 
 def _difference(
-    method: Row, reference: Row, clips: Sequence[str], exact: Sequence[str], level: float
-) -> Row:
+    method: MethodScores,
+    reference: MethodScores,
+    clips: Sequence[str],
+    exact: Sequence[str],
+    level: float,
+) -> MethodScores:
     """Return a method's values less those of the reference, which has no error in `exact`."""
     values = {
         key: array - reference.values[key]
@@ -176,7 +180,7 @@ def _difference(
         if key in reference.values
     }
     has_both = np.isfinite(np.array([*values.values()])).any(axis=0)
-    return Row.of(
+    return MethodScores.of(
         method.name,
         method.marks,
         values,
@@ -190,7 +194,7 @@ def _difference(
 
 
 def _used(table: Table) -> list[str]:
-    """What stands behind means and clips, and what is bold: each where there is any."""
+    """Return notes on intervals, effective sample sizes and bold values, where there are any."""
     shown = [
         (row, column)
         for row in table.rows
@@ -220,7 +224,7 @@ def _table(
     heading: str,
     columns: Mapping[str, str],  # key -> words
     protocol: Mapping[str, Any],
-    rows: Sequence[Row],
+    rows: Sequence[MethodScores],
     cells: Sequence[Cell],
 ) -> Table:
     abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
@@ -230,7 +234,7 @@ def _table(
     return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), notes, bold)
 
 
-def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
+def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[MethodScores]) -> Column:
     means = np.array([float(row.estimates[key].mean) for row in rows if key in row.estimates])
     known = means[np.isfinite(means)]
     higher = higher_is_better(key, about)
@@ -241,8 +245,8 @@ def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row])
     return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
 
 
-def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
-    """One row of a cell with one sample, three of a cell with more."""
+def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[MethodScores]:
+    """Return the scores of a method; with several samples also those of the best ones."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
     abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
@@ -259,7 +263,9 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
             provenance.method_id(cell, protocol),
         )
         lines.append(
-            Row.of(cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends)
+            MethodScores.of(
+                cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends
+            )
         )
     return lines
 
@@ -271,8 +277,8 @@ def _is_among(clips: Sequence[str], scored: Sequence[str]) -> BoolArray:
 
 
 def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
-    """The means over steps of values [n, F] in the order of all clips [N], NaN for those that the
-    cube lacks.
+    """Return the means over steps of values [n, F] in the order of all clips [N], NaN for those
+    that the cube lacks.
     """
     steps = statistics.over_steps(values)
     if cube.clips == tuple(clips):
@@ -284,7 +290,7 @@ def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray
 def _reductions(
     cubes: Mapping[str, Cube], higher: Mapping[str, bool | None], protocol: Mapping[str, Any]
 ) -> dict[str, statistics.Reduction]:
-    """The reductions over samples, a row each, by the suffix of the method's name."""
+    """Return the reductions over samples, by the suffix of the method's name."""
     count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
     if count == 1:
         return {"": statistics.mean_of_samples}
@@ -305,7 +311,7 @@ def _reductions(
 def _sampled(
     name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]
 ) -> list[Table]:
-    """The expected best of k samples in one metric, where a cell has several samples."""
+    """Return the expected best of k samples in one metric, where a cell has several samples."""
     about = protocol["metrics"][name]
     higher = higher_is_better(name, about)
     if higher is None:
@@ -329,7 +335,9 @@ def _sampled(
         ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
         scored = _is_among(clips, cube.clips)
         lines.append(
-            Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends)
+            MethodScores.of(
+                cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends
+            )
         )
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = (
@@ -368,5 +376,5 @@ def _notes(
 
 
 def _keys(tables: Iterable[Rows]) -> list[str]:
-    """All columns that have rows, in their order."""
+    """Return all columns that have scores, in their order."""
     return list(dict.fromkeys(key for rows in tables for key in rows.metric.categories))
