@@ -16,7 +16,7 @@ from geovp_benchmarks.running.planning import Options
 from geovp_benchmarks.running.run import run
 from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
 from geovp_benchmarks.tables import tables
-from geovp_benchmarks.tables.tables import Row
+from geovp_benchmarks.tables.tables import MethodScores
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 
 KALMAN = {
@@ -46,7 +46,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 
 @pytest.fixture(scope="module")
-def rows(results: Results) -> dict[str, Row]:
+def rows(results: Results) -> dict[str, MethodScores]:
     return {row.name.removeprefix("kalman + planes"): row for row in tables.build(results)[0].rows}
 
 
@@ -62,7 +62,7 @@ def test_every_drawn_future_is_seen_and_scored(results: Results) -> None:
 
 
 def test_the_best_of_all_columns_is_one_of_the_samples(
-    results: Results, rows: dict[str, Row]
+    results: Results, rows: dict[str, MethodScores]
 ) -> None:
     assert list(rows) == [", mean of 5", ", best of 5", ", best of 5 by PSNR", "mean + planes"]
     psnr, metres = (
@@ -82,7 +82,7 @@ def test_the_best_of_all_columns_is_one_of_the_samples(
 
 
 def test_the_expected_best_rises_from_the_mean_to_the_best(
-    results: Results, rows: dict[str, Row]
+    results: Results, rows: dict[str, MethodScores]
 ) -> None:
     (own,) = [table for table in tables.build(results) if table.name == "samples-psnr"]
     (row,) = own.rows

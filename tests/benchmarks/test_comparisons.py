@@ -8,7 +8,7 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Column, Row, best
+from geovp_benchmarks.tables.table_model import Column, MethodScores, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -18,11 +18,11 @@ SCENES = np.random.default_rng(0).normal(20.0, 3.0, 30)  # how hard each clip is
 OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
-def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> Row:
-    return Row.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
+def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
+    return MethodScores.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
 
 
-def bold(*rows: Row) -> set[str]:
+def bold(*rows: MethodScores) -> set[str]:
     return {name for name, _ in best(rows, [PSNR], CLIPS)}
 
 
@@ -50,6 +50,15 @@ def test_rows_with_other_grants_or_chosen_by_the_truth_do_not_compete() -> None:
 def test_a_row_with_more_inputs_is_not_bold_below_a_better_row_with_fewer() -> None:
     seer, plain = row("seer", SCENES - 1 + OWN[0], "pf"), row("plain", SCENES + OWN[1], "p")
     assert bold(seer, plain, row("worse", SCENES - 2 + OWN[2])) == {"plain"}
+
+
+def test_a_positive_error_is_not_bold_below_an_exact_one_whatever_its_interval_holds() -> None:
+    column = Column("psnr", "translation error", higher_is_better=False, decimals=3)
+    error = np.zeros(30)
+    error[7] = 2.7  # .09 m on average, with an interval that reaches zero
+    rows = [row("exact", np.zeros(30)), row("off", error), row("worse", SCENES)]
+    assert rows[1].intervals["psnr"].low <= 0
+    assert {name for name, _ in best(rows, [column], CLIPS)} == {"exact"}
 
 
 def test_nothing_is_bold_below_eight_effective_clips() -> None:

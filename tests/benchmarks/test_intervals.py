@@ -8,8 +8,22 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from geovp_benchmarks.analysis import intervals
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.studies import coverage
 from geovp_classic.types import FloatArray
+
+
+def autocorrelation_time(values: FloatArray, *groups: FloatArray) -> tuple[float, int]:
+    """Return tau and the visible lags of sequences of values."""
+    whole = np.concatenate([values[np.asarray(group, int)] for group in groups])
+    sequences = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    return BlockBootstrap().autocorrelation_time(whole, intervals.Groups.of(sequences, 3))
+
+
+def standard_error(values: FloatArray, tau: float, is_apart: bool = False) -> tuple[float, int]:
+    """Return the error and degrees of freedom of one sequence, or of clips that stand alone."""
+    sequences = np.arange(len(values)) * is_apart
+    return BlockBootstrap().standard_error(values, intervals.Groups.of(sequences, 3), tau)
 
 
 @pytest.mark.parametrize(
@@ -41,8 +55,8 @@ def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
     values = (
         np.random.default_rng(4).normal(size=10).repeat(2)
     )  # neighbours are equal; of each pair one a sequence
-    together, _ = intervals.autocorrelation_time(values, [np.arange(20)])
-    apart, _ = intervals.autocorrelation_time(values, [np.arange(0, 20, 2), np.arange(1, 20, 2)])
+    together, _ = autocorrelation_time(values, np.arange(20))
+    apart, _ = autocorrelation_time(values, np.arange(0, 20, 2), np.arange(1, 20, 2))
     assert apart < together
 
 
@@ -54,13 +68,13 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
         (coverage.dependences()["overlap, 6"], 6.0),
     ):
         values = lfilter(*filters, noise.normal(size=4000))
-        tau, _ = intervals.autocorrelation_time(values, [np.arange(4000)])
+        tau, _ = autocorrelation_time(values, np.arange(4000))
         assert tau == pytest.approx(expected, rel=0.25)
 
 
 def test_a_difference_that_is_always_there_is_not_zero() -> None:
     noise = np.random.default_rng(2).normal(size=30)
-    assert intervals.interval(0.1 * noise + 1, np.zeros(30)).p_zero == intervals.LEAST_P
+    assert intervals.interval(0.1 * noise + 1, np.zeros(30)).p_zero == BlockBootstrap.min_p
     assert intervals.interval(noise - noise.mean(), np.zeros(30)).p_zero > 0.9
 
 
@@ -116,7 +130,7 @@ class TestAutocorrelationTime:
         # correlate negatively. A mean taken out of 300 values adds (1 - r) tau / 300; tau is (1 +
         # r) / (1 - r).
         values = np.tile([1.0, 1, 1, -1, -1, -1], 50)
-        tau, visible = intervals.autocorrelation_time(values, [np.arange(300)])
+        tau, visible = autocorrelation_time(values, np.arange(300))
         correlation = 101 / 299 + 198 / 299 * tau / 300
         assert tau == pytest.approx((1 + correlation) / (1 - correlation), rel=1e-4)
         assert visible == 1
@@ -127,7 +141,7 @@ class TestAutocorrelationTime:
 
     def test_equal_alternating_or_few_values_are_independent(self) -> None:
         for values in (np.full(30, 0.1), np.tile([1.0, -1.0], 15), np.arange(3.0)):
-            assert intervals.autocorrelation_time(values, [np.arange(len(values))]) == (1.0, 0)
+            assert autocorrelation_time(values, np.arange(len(values))) == (1.0, 0)
 
 
 @pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
@@ -155,13 +169,13 @@ class TestStandardError:
         # cos(a) is left
         values = 7 + 3 * cosine(1, 10) + 4 * cosine(2, 10) + 100 * cosine(9, 10)
         second_share = 0.25 / (1.25 - np.cos(np.pi / 5)) if tau == 3 else 1.0
-        error, degrees = intervals.standard_error(values, [np.arange(10)], tau)
+        error, degrees = standard_error(values, tau)
         assert error == pytest.approx(np.sqrt(25 / (first_share + second_share) / 10))
         assert degrees == 2
 
     def test_clips_that_stand_alone_have_the_classical_one(self) -> None:
         values = np.random.default_rng(9).normal(size=12)
-        error, degrees = intervals.standard_error(values, [np.array([n]) for n in range(12)], 1.0)
+        error, degrees = standard_error(values, 1.0, is_apart=True)
         assert error == pytest.approx(values.std(ddof=1) / np.sqrt(12))
         assert degrees == 11
 
@@ -170,10 +184,19 @@ class TestStandardError:
     )
     def test_the_interval_is_students_with_its_degrees(self, count: int, level: float) -> None:
         values = np.random.default_rng(10).normal(size=count)
-        tau, _ = intervals.autocorrelation_time(values, [np.arange(count)])
-        error, degrees = intervals.standard_error(values, [np.arange(count)], tau)
+        tau, _ = autocorrelation_time(values, np.arange(count))
+        error, degrees = standard_error(values, tau)
         found = intervals.interval(values, np.zeros(count), level)
         half = error * stats.t(degrees).ppf((1 + level) / 2)
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
         assert found.effective == pytest.approx(count / tau)
+
+
+def test_many_clips_have_the_interval_of_the_bootstrap_at_a_fraction_of_its_cost() -> None:
+    values = np.random.default_rng(11).normal(size=1000)
+    resampled = BlockBootstrap().interval(values, np.zeros(1000, int))
+    normal = BlockBootstrap(max_resampled=999).interval(values, np.zeros(1000, int))
+    assert (resampled.mean, resampled.effective) == (normal.mean, normal.effective)
+    assert normal.low == pytest.approx(resampled.low, abs=0.005)
+    assert normal.high == pytest.approx(resampled.high, abs=0.005)

@@ -73,6 +73,16 @@ def test_differences_of_chosen_rows(results: Results) -> None:
         tables.against(results, "orcle", choice=Choice(("plain",)))
 
 
+def test_errors_are_not_tested_against_a_method_without_any(results: Results) -> None:
+    clips = results.protocol()["clips"]
+    write(results, "oracle", {(clip, 0, "translation-error"): 0.0 for clip in clips})
+    table = tables.against(results, "oracle")
+    interval = table.rows[0].intervals["translation-error"]
+    assert (interval.low, interval.high > 0) == (0.0, True)
+    assert not table.starred
+    assert table.notes[-1].startswith("oracle has no translation error")
+
+
 class TestCompiled:
     """What an engine makes of it; the printed document is looked at word by word."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.schema import CONFIDENCE
+from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import higher_is_better
 from geovp_classic.errors import BadData
@@ -38,7 +38,7 @@ class Ranking:
     among_clips: float  # confidence, over clips and samples at one step, averaged over steps
 
     def texts(self) -> tuple[str, ...]:
-        """As HEAD."""
+        """Return the texts under HEAD."""
         numbers = (self.by_confidence, self.by_step, self.among_clips)
         return (
             self.label,
@@ -48,8 +48,8 @@ class Ranking:
 
 
 def rankings(results: Results, metric: str) -> list[Ranking]:
-    """A ranking for each row that has confidences; BadData for a metric that is not stored or has
-    no better.
+    """Return a ranking for each row that has confidences; BadData for a metric that is not stored
+    or has no better.
     """
     abouts = results.protocol()["metrics"]
     about = abouts.get(metric.partition("@")[0])
@@ -77,7 +77,7 @@ def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
 
 
 def spearman(one: FloatArray, other: FloatArray) -> float:
-    """Spearman's rank correlation over the values that both have; NaN where either
+    """Return Spearman's rank correlation over the values that both have; NaN where either
     does not vary.
     """
     both = np.isfinite(one) & np.isfinite(other)

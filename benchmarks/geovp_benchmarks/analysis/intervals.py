@@ -21,25 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, special
 
-from geovp_classic.types import FloatArray
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_classic.types import FloatArray, IntArray
 
-LEVEL = 0.95
-NUM_RESAMPLES = 2000
-Bounds = tuple[float, float]
-UNBOUNDED: Bounds = (-np.inf, np.inf)
-VISIBLE = 1.5  # standard errors of a correlation that count
-LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
-FEWEST_EFFECTIVE = 4.0  # independent clips
-SLOW_SHARE, FEWEST_SLOW = 0.15, 2.0  # cosines, per independent clip and at least
-LEAST_ERROR = 0.6  # of the standard error that independent values would have
-SHORT = 3  # clips
-LEAST_P = 1e-4  # fewer resamples than its inverse tell nothing of less
-P_VALUES = (*np.geomspace(LEAST_P, 0.999, 200).tolist(), 1 - LEVEL)  # that are told apart
-MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, "
-    "since neighbouring clips "
-    "overlap"
+    "since neighbouring clips overlap"
 )
 
 
@@ -50,175 +37,228 @@ class Interval:
     mean: float
     low: float
     high: float
-    effective: float  # how many independent clips the values are worth
+    effective: float  # effective sample size in clips
     p_zero: float  # two-sided, of a true mean of zero
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Return whether all values in the interval have the same sign."""
+        return self.low > 0 or self.high < 0
 
 
 NOTHING = Interval(float("nan"), float("nan"), float("nan"), 0.0, float("nan"))
 
 
 def sequence_of(clip: str) -> str:
-    """The sequence that a clip is cut from: its name up to the last slash."""
+    """Return the sequence that a clip is cut from: its name up to the last slash."""
     return clip.rpartition("/")[0]
 
 
-def sequences_of(clips: Iterable[str]) -> npt.NDArray[np.str_]:
-    """The sequence [N] of every clip."""
-    return np.array([sequence_of(clip) for clip in clips])
+def sequences_of(clips: Iterable[str]) -> IntArray:
+    """Return the number [N] of the sequence of each clip."""
+    names = [sequence_of(clip) for clip in clips]
+    numbers = {name: number for number, name in enumerate(sorted(set(names)))}
+    return np.array([numbers[name] for name in names], np.int64)
 
 
 def interval(
     values: FloatArray,  # [N], in the order in which clips were taken; NaN is left out
     sequences: npt.NDArray[np.generic],  # [N], where each is cut from
-    level: float = LEVEL,
+    level: float = 0.95,
     seed: int = 0,
     bounds: Bounds = UNBOUNDED,
 ) -> Interval:
-    """The mean and its interval; without one for fewer than three values.
+    """Return the mean and its interval; without one for fewer than three values.
 
     It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
     between them, so that the interval holds it as often as before.
     """
-    known = np.isfinite(values)
-    values, sequences = values[known], sequences[known]
-    if not len(values):
-        return NOTHING
-    long, short = _groups(sequences)
-    groups = [*long, short] if len(short) else long
-    mean, count = float(values.mean()), len(values)
-    tau, visible = autocorrelation_time(values, groups)
-    if count < 3:
-        return Interval(mean, float("nan"), float("nan"), count / tau, float("nan"))
-    rng = np.random.default_rng(seed)
-    sums = np.zeros(NUM_RESAMPLES)
-    for group in groups:
-        sums += _resampled_sums(values[group], min(visible + 1, len(group)), rng)
-    off = sums / count - mean
-    error, degrees = standard_error(values, [*long, *short[:, None]], tau)
-    error = max(
-        error, LEAST_ERROR * float(values.std(ddof=1)) / np.sqrt(count)
-    )  # few slow cosines can be small by chance
-    off *= error / off.std() if off.std() > 0 else 0.0
-    low, high = np.clip(mean + _ends(off, degrees, (1 - level,))[:, 0], *bounds)
-    return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, degrees))
-
-
-def standard_error(
-    values: FloatArray,  # [N]
-    groups: list[npt.NDArray[np.intp]],  # the clips of each sequence
-    tau: float,
-) -> tuple[float, int]:
-    """The standard error of the mean of dependent values, and its degrees of freedom.
-
-    From the differences of the sequences' means and each sequence's slowest cosines; what a
-    first-order autoregression of autocorrelation time `tau` has less of them than of the mean is
-    added.
-    """
-    off, count, correlation = values - values.mean(), len(values), (tau - 1) / (tau + 1)
-    powers, expected, num = 0.0, -1.0, -1
-    for group in groups:
-        slow = min(
-            round(max(FEWEST_SLOW, SLOW_SHARE * count / tau) * len(group) / count), len(group) - 1
-        )
-        angles = np.pi * np.arange(slow + 1) / len(group)
-        share = (1 - correlation) ** 2 / (1 - 2 * correlation * np.cos(angles) + correlation**2)
-        powers += float((fft.dct(off[group], norm="ortho")[: slow + 1] ** 2).sum())
-        expected, num = expected + float(share.sum()), num + slow + 1
-    return float(np.sqrt(powers / expected / count)), num
-
-
-def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArray:
-    """Ends [2, K] of the intervals that miss the truth in these shares [K] of cases,
-    less the mean.
-    """
-    tails, widening = _tails(degrees, misses)
-    places = np.stack([1 - tails, tails]) * (len(off) - 1)
-    return np.asarray(np.interp(places, np.arange(len(off)), np.sort(off)) * widening)
-
-
-@functools.cache
-def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Upper quantiles [K], and how much farther out Student's t has them than the normal
-    distribution.
-    """
-    tails = 1 - np.array(misses) / 2
-    return tails, special.stdtrit(degrees, tails) / special.ndtri(tails)
-
-
-def _p_zero(mean: float, off: FloatArray, degrees: int) -> float:
-    """The largest share of misses at which the interval still holds zero, down to LEAST_P."""
-    if not off.any():
-        return float(mean == 0)
-    low, high = mean + _ends(off, degrees, P_VALUES)
-    return float(max(np.array(P_VALUES)[(low <= 0) & (high >= 0)], default=LEAST_P))
+    return BlockBootstrap(level, seed).interval(values, sequences, bounds)
 
 
 def block_interval(
-    values: FloatArray, groups: npt.NDArray[np.generic], level: float = LEVEL
+    values: FloatArray, sequences: npt.NDArray[np.generic], level: float = 0.95
 ) -> tuple[float, float]:
-    """Only the ends of `interval`."""
-    found = interval(values, groups, level)
-    return found.low, found.high
+    """Return the ends of the interval."""
+    result = interval(values, sequences, level)
+    return result.low, result.high
 
 
-def autocorrelation_time(
-    values: FloatArray, groups: list[npt.NDArray[np.intp]]
-) -> tuple[float, int]:
-    """Tau, from 1 for independent values to N / FEWEST_EFFECTIVE, and at how many lags correlation
-    is visible.
-    """
-    off, count, tau, visible = _within(values, groups), len(values), 1.0, 0
-    variance = float(off @ off) / count
-    lags = range(1, max(len(group) for group in groups) // 3 + 1)
-    if variance <= 1e-12 * float(values @ values) / count or not lags:
-        return tau, visible
-    found = np.array([_product(off, groups, lag) / variance for lag in lags])
-    for _ in range(4):  # the means that were taken out lower all of them
-        lost = min(tau * len(groups) / count, MOST_LOST)
-        correlation = np.minimum(found + lost * (1 - found), LARGEST_CORRELATION)
-        hidden = np.flatnonzero(correlation <= VISIBLE / np.sqrt(count))
-        visible = int(hidden[0]) if len(hidden) else len(correlation)
-        if visible == 0:
+@dataclass(frozen=True)
+class Groups:
+    """Clips ordered by sequence; those of sequences with few clips form the last group."""
+
+    order: IntArray  # [N], clips by group
+    lengths: IntArray  # [G], clips of each group
+    num_short: int = 0  # clips in the last group, which count as independent
+
+    @classmethod
+    def of(cls, sequences: npt.NDArray[np.generic], min_length: int) -> "Groups":
+        """Return the groups of clips [N] by their sequences."""
+        if not np.issubdtype(sequences.dtype, np.integer):
+            sequences = np.unique(sequences, return_inverse=True)[1]
+        codes = np.asarray(sequences, np.int64)
+        sizes = np.bincount(codes)
+        is_short = sizes[codes] < min_length
+        order = np.argsort(np.where(is_short, len(sizes), codes), kind="stable")
+        num_short = int(is_short.sum())
+        lengths = [*sizes[sizes >= min_length], *[num_short] * (num_short > 0)]
+        return cls(order, np.array(lengths, np.int64), num_short)
+
+    def centred(self, ordered: FloatArray) -> FloatArray:
+        """Return values [N] in the order of the groups less the mean of their group."""
+        starts = np.cumsum(self.lengths) - self.lengths
+        means = np.add.reduceat(ordered, starts) / self.lengths
+        return ordered - np.repeat(means, self.lengths)
+
+    def autocovariance(self, off: FloatArray, max_lag: int) -> FloatArray:
+        """Return the mean products [L] of values 1 .. L clips apart in one group, by FFT."""
+        gaps = np.repeat(np.arange(len(self.lengths)) * max_lag, self.lengths)
+        size = fft.next_fast_len(len(off) + len(self.lengths) * max_lag, real=True)
+        padded = np.zeros(size)
+        padded[np.arange(len(off)) + gaps] = off
+        sums = fft.irfft(np.abs(fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
+        lags = np.arange(1, max_lag + 1)
+        lengths, counts = np.unique(self.lengths, return_counts=True)
+        num_pairs = sum(
+            num * np.maximum(length - lags, 0) for length, num in zip(lengths, counts, strict=True)
+        )
+        return np.asarray(sums / num_pairs)
+
+
+@dataclass(frozen=True)
+class BlockBootstrap:
+    """Intervals by block bootstrap, widened to the cosine estimator's standard error."""
+
+    level: float = 0.95
+    seed: int = 0
+    num_resamples: int = 2000
+    max_resampled: int = 1000  # clips; the mean of more is taken as normally distributed
+    min_visible: float = 1.5  # standard errors of a correlation that count
+    max_correlation: float = 0.97
+    max_decay: float = 0.95
+    max_lag: int = 1000  # clips, unless sequences are few
+    min_effective: float = 4.0  # clips
+    max_lost: float = 0.5  # fraction of the variance that was taken out with the means
+    slow_fraction: float = 0.15  # cosines per effective clip
+    min_slow: float = 2.0
+    min_error_ratio: float = 0.6  # of the standard error that independent values would have
+    min_length: int = 3  # clips of a sequence
+    min_p: float = 1e-4  # the number of resamples tells nothing of less
+
+    def interval(
+        self, values: FloatArray, sequences: npt.NDArray[np.generic], bounds: Bounds = UNBOUNDED
+    ) -> Interval:
+        """Return the mean of values [N] with its interval; NaN is left out."""
+        is_finite = np.isfinite(values)
+        if not is_finite.all():
+            values, sequences = values[is_finite], sequences[is_finite]
+        if not len(values):
+            return NOTHING
+        groups = Groups.of(sequences, self.min_length)
+        values, mean, count = values[groups.order], float(values.mean()), len(values)
+        tau, visible = self.autocorrelation_time(values, groups)
+        if count < 3:
+            return Interval(mean, float("nan"), float("nan"), count / tau, float("nan"))
+        error, degrees = self.standard_error(values, groups, tau)
+        # few slow cosines can be small by chance
+        error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
+        if count > self.max_resampled:
+            off = special.ndtri((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
+        else:
+            lengths = tuple(groups.lengths.tolist())
+            draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
+            off = np.sort(draws @ values / count - mean)
+        if values.std() <= 1e-12 * abs(mean):
+            return Interval(mean, mean, mean, count / tau, float(mean == 0))
+        off *= error / off.std()
+        low, high = np.clip(mean + _ends(off, degrees, (1 - self.level,))[:, 0], *bounds)
+        p_zero = self._p_zero(mean, off, degrees)
+        return Interval(mean, float(low), float(high), count / tau, p_zero)
+
+    def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:
+        """Return tau, from 1 for independent values to N / min_effective, and the visible lags.
+
+        The values [N] are in the order of the groups; correlation is visible at that many lags.
+        """
+        off, count, num_groups = groups.centred(values), len(values), len(groups.lengths)
+        variance = float((off**2).mean())
+        max_lag = min(int(groups.lengths.max()) // 3, max(self.max_lag, 2 * count // num_groups))
+        if variance <= 1e-12 * float((values**2).mean()) or not max_lag:
             return 1.0, 0
-        last = float(correlation[visible - 1])
-        decay = min(last ** (1 / visible), LARGEST_DECAY)
-        tau = 1 + 2 * (float(correlation[:visible].sum()) + last * decay / (1 - decay))
-        tau = float(np.clip(tau, 1, max(1, count / FEWEST_EFFECTIVE)))
-    return tau, visible
+        measured = groups.autocovariance(off, max_lag) / variance
+        tau, visible = 1.0, 0
+        for _ in range(4):  # the means that were taken out lower all of them
+            lost = min(tau * num_groups / count, self.max_lost)
+            correlation = np.minimum(measured + lost * (1 - measured), self.max_correlation)
+            hidden = np.flatnonzero(correlation <= self.min_visible / np.sqrt(count))
+            visible = int(hidden[0]) if len(hidden) else len(correlation)
+            if visible == 0:
+                return 1.0, 0
+            last = float(correlation[visible - 1])
+            decay = min(last ** (1 / visible), self.max_decay)
+            tau = 1 + 2 * (float(correlation[:visible].sum()) + last * decay / (1 - decay))
+            tau = float(np.clip(tau, 1, max(1, count / self.min_effective)))
+        return tau, visible
+
+    def standard_error(self, values: FloatArray, groups: Groups, tau: float) -> tuple[float, int]:
+        """Return the standard error of the mean of dependent values, and its degrees of freedom.
+
+        From the differences of the sequences' means and each sequence's slowest cosines; what a
+        first-order autoregression of autocorrelation time `tau` has less of them than of the mean
+        is added. The values [N] are in the order of the groups.
+        """
+        off, count, correlation = values - values.mean(), len(values), (tau - 1) / (tau + 1)
+        num_long = count - groups.num_short
+        long_lengths = groups.lengths[: len(groups.lengths) - (groups.num_short > 0)]
+        powers = float((off[num_long:] ** 2).sum())
+        expected, num = float(groups.num_short - 1), groups.num_short - 1
+        num_slow = max(self.min_slow, self.slow_fraction * count / tau)
+        for length in np.unique(long_lengths).tolist():  # sequences of one length at a time
+            is_of_length = np.repeat(long_lengths == length, long_lengths)
+            sequences = off[:num_long][is_of_length].reshape(-1, length)
+            slow = min(round(num_slow * length / count), length - 1)
+            angles = np.pi * np.arange(slow + 1) / length
+            ratios = (1 - correlation) ** 2
+            ratios = ratios / (1 - 2 * correlation * np.cos(angles) + correlation**2)
+            powers += float((fft.dct(sequences, norm="ortho")[:, : slow + 1] ** 2).sum())
+            expected += len(sequences) * float(ratios.sum())
+            num += len(sequences) * (slow + 1)
+        return float(np.sqrt(powers / expected / count)), num
+
+    def _p_zero(self, mean: float, off: FloatArray, degrees: int) -> float:
+        """Return the largest p whose interval still holds zero, at least `min_p`."""
+        p_values = (*np.geomspace(self.min_p, 0.999, 200).tolist(), 1 - self.level)
+        low, high = mean + _ends(off, degrees, p_values)
+        return float(max(np.array(p_values)[(low <= 0) & (high >= 0)], default=self.min_p))
 
 
-def _within(values: FloatArray, groups: list[npt.NDArray[np.intp]]) -> FloatArray:
-    """The values less the mean of their sequence [N]."""
-    off = values.copy()
-    for group in groups:
-        off[group] -= values[group].mean()
-    return off
+@functools.lru_cache(maxsize=16)
+def _draws(lengths: tuple[int, ...], block: int, num_resamples: int, seed: int) -> FloatArray:
+    """Return how often each resample draws each clip [R, N], in circular blocks of a group."""
+    rng, columns = np.random.default_rng(seed), []
+    rows = np.arange(num_resamples)[:, None]
+    for length in lengths:
+        size = min(block, length)
+        starts = rng.integers(0, length, (num_resamples, -(-length // size)))
+        drawn = (starts[..., None] + np.arange(size)).reshape(num_resamples, -1)[:, :length]
+        counts = np.bincount((drawn % length + rows * length).ravel(), None, rows.size * length)
+        columns.append(counts.reshape(num_resamples, length).astype(float))
+    return np.concatenate(columns, axis=1)
 
 
-def _product(off: FloatArray, groups: list[npt.NDArray[np.intp]], lag: int) -> float:
-    """The mean product of values that many clips apart in one sequence."""
-    pairs = [(off[group[lag:]], off[group[:-lag]]) for group in groups if len(group) > lag]
-    return sum(float(later @ earlier) for later, earlier in pairs) / sum(
-        len(later) for later, _ in pairs
-    )
+def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArray:
+    """Return the ends [2, K] of intervals that miss the truth in these fractions [K] of cases.
 
-
-def _groups(
-    sequences: npt.NDArray[np.generic],
-) -> tuple[list[npt.NDArray[np.intp]], npt.NDArray[np.intp]]:
-    """The clips of each sequence, and those of sequences with fewer than SHORT clips together, as
-    independent.
+    They are relative to the mean; `off` holds sorted deviations of resamples.
     """
-    found = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
-    short = [group for group in found if len(group) < SHORT]
-    return [group for group in found if len(group) >= SHORT], np.sort(
-        np.concatenate([np.arange(0), *short])
-    )
+    tails, widening = _tails(degrees, misses)
+    places = np.stack([1 - tails, tails]) * (len(off) - 1)
+    return np.asarray(np.interp(places, np.arange(len(off)), off) * widening)
 
 
-def _resampled_sums(values: FloatArray, block: int, rng: np.random.Generator) -> FloatArray:
-    """Sums [NUM_RESAMPLES] of as many values, drawn in blocks."""
-    count = len(values)
-    starts = rng.integers(0, count, (NUM_RESAMPLES, -(-count // block)))
-    drawn = (starts[..., None] + np.arange(block)).reshape(NUM_RESAMPLES, -1)[:, :count] % count
-    return np.asarray(values[drawn].sum(axis=1))
+@functools.lru_cache(maxsize=64)
+def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return upper quantiles [K], and the ratios of Student's t to the normal distribution."""
+    tails = 1 - np.array(misses) / 2
+    return tails, special.stdtrit(degrees, tails) / special.ndtri(tails)

@@ -41,8 +41,8 @@ class Estimate:
 
 
 def cube(rows: Rows, metric: str) -> Cube:
-    """The values of one metric from the rows of one cell; clips in the order of the rows, steps
-    1..F.
+    """Return the values of one metric from the rows of one cell; clips in the order of the rows,
+    steps 1..F.
     """
     rows = rows.of_metrics((metric,))
     values = np.full(rows.extent, np.nan)
@@ -51,13 +51,13 @@ def cube(rows: Rows, metric: str) -> Cube:
 
 
 def mean_of_samples(values: Cube, higher_is_better: bool | None) -> FloatArray:
-    """The mean over samples [N, F]: the expected score of one sample."""
+    """Return the mean over samples [N, F]: the expected score of one sample."""
     return _nanmean(values.values, axis=1)
 
 
 def best_of_samples(values: Cube, higher_is_better: bool | None) -> FloatArray:
-    """The sample best over all steps, chosen per clip and metric [N, F], as SRVP does (Franceschi
-    et al. 2020).
+    """Return the sample best over all steps, chosen per clip and metric [N, F], as SRVP does
+    (Franceschi et al. 2020).
 
     Where no value is the better one, the mean.
     """
@@ -67,8 +67,8 @@ def best_of_samples(values: Cube, higher_is_better: bool | None) -> FloatArray:
 
 
 def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
-    """The sample that is best in the judge's metric, for every metric: all columns show the same
-    sample.
+    """Return the sample that is best in the judge's metric, for every metric: all columns show the
+    same sample.
     """
     best = dict(zip(judge.clips, _best(judge, judge_higher_is_better).tolist(), strict=True))
 
@@ -86,8 +86,8 @@ def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
 
 
 def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
-    """The expected best score of k samples [N, S], k = 1..S; NaN for more samples than have a
-    value.
+    """Return the expected best score of k samples [N, S], k = 1..S; NaN for more samples than have
+    a value.
 
     Samples are scored by their mean over steps. The mean is over all sets of k among the S:
     unbiased for every k, and for k = S the best of all. Of scores sorted so that the best comes
@@ -103,18 +103,18 @@ def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
 
 
 def overall(values: FloatArray) -> Estimate:
-    """The mean over steps within each clip, then over clips, from values [N, F]; scalars."""
+    """Return the mean over steps within each clip, then over clips, from values [N, F]; scalars."""
     return over_clips(over_steps(values))
 
 
 def over_steps(values: FloatArray) -> FloatArray:
-    """The mean over steps [N] of values [N, F]; NaN where no step has one."""
+    """Return the mean over steps [N] of values [N, F]; NaN where no step has one."""
     return _nanmean(values, axis=1)
 
 
 def over_clips(values: FloatArray) -> Estimate:
-    """Mean and standard error over the first axis, of values [N] or [N, F]; NaN is left out and not
-    counted.
+    """Return the mean and standard error over the first axis, of values [N] or [N, F]; NaN is left
+    out and not counted.
     """
     count = np.sum(~np.isnan(values), axis=0)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
@@ -123,7 +123,7 @@ def over_clips(values: FloatArray) -> Estimate:
 
 
 def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
-    """The best sample over all steps of each clip [N]; one without values is never it."""
+    """Return the best sample over all steps of each clip [N]; one without values is never it."""
     scores = _nanmean(values.values, axis=2) * (1.0 if higher_is_better else -1.0)
     if not scores.size:
         return np.zeros(len(scores), dtype=np.intp)
@@ -132,7 +132,7 @@ def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
 
 @functools.lru_cache(maxsize=8)
 def _shares(count: int) -> FloatArray:
-    """The share of the sets of k whose best is the i-th smallest [k, i]; rows sum to 1."""
+    """Return the share of the sets of k whose best is the i-th smallest [k, i]; rows sum to 1."""
     numbers = range(1, count + 1)
     return np.array(
         [[math.comb(i - 1, k - 1) / math.comb(count, k) for i in numbers] for k in numbers]
@@ -140,6 +140,6 @@ def _shares(count: int) -> FloatArray:
 
 
 def _nanmean(values: FloatArray, axis: int) -> FloatArray:
-    """np.nanmean that answers NaN for an empty slice without a warning."""
+    """Return np.nanmean that answers NaN for an empty slice without a warning."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         return np.asarray(np.nanmean(values, axis=axis))

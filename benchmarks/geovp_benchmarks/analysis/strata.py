@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.schema import COVERAGE
+from geovp_benchmarks.results.score_names import COVERAGE
 from geovp_benchmarks.results.store import Cell, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
@@ -61,7 +61,7 @@ class ClipSubset(Results):
     label: str = ""  # of the clips, for people
 
     def protocol(self) -> dict[str, Any]:
-        """As of all clips, with the chosen ones alone."""
+        """Return what holds for all clips, with the chosen ones alone."""
         whole = super().protocol()
         clips = [clip for clip in whole["clips"] if clip in self.chosen]
         return {
@@ -71,7 +71,7 @@ class ClipSubset(Results):
         }
 
     def cells(self) -> list[Cell]:
-        """As of all clips, with the number of the chosen ones that have rows."""
+        """Return what holds for all clips, with the number of the chosen ones that have rows."""
         return [
             dataclasses.replace(
                 cell,
@@ -82,19 +82,19 @@ class ClipSubset(Results):
         ]
 
     def failures(self, cell: str) -> dict[str, str]:
-        """Those of the chosen clips."""
+        """Return those of the chosen clips."""
         return {
             clip: reason for clip, reason in super().failures(cell).items() if clip in self.chosen
         }
 
     def scores(self, cell: str) -> Rows:
-        """The chosen clips' rows."""
+        """Return the chosen clips' rows."""
         return super().scores(cell).of_clips(self.chosen)
 
 
 def divide(results: Results, by: str) -> list[ClipSubset]:
-    """A subset per stratum that has clips, and one of the clips whose fact is not known; BadData
-    where none is.
+    """Return a subset per stratum that has clips, and one of the clips whose fact is not known;
+    BadData where none is.
     """
     if by not in DIVISIONS:
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, DIVISIONS)}")
@@ -129,8 +129,8 @@ def divide(results: Results, by: str) -> list[ClipSubset]:
 
 
 def _facts(results: Results, fact: str) -> tuple[Mapping[str, float], str]:
-    """A fact by clip, and words on where it is from; without exact depth, what a method covers was
-    seen before.
+    """Return a fact by clip, and words on where it is from; without exact depth, what a method
+    covers was seen before.
     """
     facts = {
         clip: numbers[fact] for clip, numbers in results.clip_facts().items() if fact in numbers

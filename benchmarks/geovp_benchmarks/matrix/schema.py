@@ -21,13 +21,11 @@ from geovp_benchmarks.matrix.values import (
     check_storable,
     validated,
 )
+from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import PrivilegedInput
 
-COVERAGE = "coverage"  # fraction of pixels that were not inpainted
-CONFIDENCE = "confidence"  # `Prediction.confidence`
-ALWAYS_SCORED = (COVERAGE, CONFIDENCE)
 RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
     *("protocol.json", "datasets.json", "cell.json", "report.html", ".lock"),

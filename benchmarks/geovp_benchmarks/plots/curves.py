@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.plots import style
+from geovp_benchmarks.results.score_names import Bounds
 from geovp_classic.types import FloatArray
 
 
@@ -32,7 +33,7 @@ class Curve:
         label: str,
         values: FloatArray,  # [N, F]
         clips: Sequence[str],
-        bounds: intervals.Bounds,
+        bounds: Bounds,
         line: style.LineStyle,
     ) -> Self:
         """Average values over clips, with the intervals of tables at all steps."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.results.stored_facts import MARKS, title
-from geovp_benchmarks.tables.table_model import MIN_EFFECTIVE, Column, Row, Table
+from geovp_benchmarks.tables.table_model import MIN_EFFECTIVE, Column, MethodScores, Table
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,9 @@ class Headline:
     """The first metric with a direction, of frames if possible, and the methods ranked by it."""
 
     column: Column | None
-    methods: tuple[Row, ...]  # scored on all clips, samples not selected by the future; best first
+    methods: tuple[
+        MethodScores, ...
+    ]  # scored on all clips, samples not selected by the future; best first
     clips: tuple[str, ...]
     name: str = ""  # of the metric
     unit: str = ""
@@ -42,7 +44,7 @@ class Headline:
         unit = str(facts[column.key.partition("@")[0]].get("unit", ""))
         return cls(column, tuple(methods), clips, title(column.key), unit)
 
-    def best(self, baseline: str, *, is_privileged: bool) -> Row | None:
+    def best(self, baseline: str, *, is_privileged: bool) -> MethodScores | None:
         """Return the best method other than the baseline with, or without, privileged inputs."""
         methods = [row for row in self.methods if row.name != baseline]
         return next((row for row in methods if bool(row.marks) == is_privileged), None)
@@ -73,7 +75,7 @@ class Headline:
             return float("nan")
         return float(self.judge.values[self.column.key][self.clips.index(clip)])
 
-    def _best_sentence(self, row: Row | None, condition: str, baseline: str) -> str:
+    def _best_sentence(self, row: MethodScores | None, condition: str, baseline: str) -> str:
         if row is None or self.column is None:
             return f"{condition}, no method has scores on all clips, {baseline} aside."
         inputs = ", ".join(meaning for mark, meaning in MARKS.values() if mark in row.marks)
@@ -81,7 +83,7 @@ class Headline:
         interval = row.intervals[self.column.key]
         return f"{condition}, {row.name} is best: {self.name} {self._text(interval)}."
 
-    def _gain_sentence(self, row: Row | None, baseline: str) -> str:
+    def _gain_sentence(self, row: MethodScores | None, baseline: str) -> str:
         rival = next((method for method in self.methods if method.name == baseline), None)
         if row is None or rival is None or self.column is None:
             return f"The gain over {baseline} is unknown: a method or {baseline} lacks scores."

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from geovp_benchmarks.analysis.intervals import UNBOUNDED, Bounds
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Cell
 
 MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)

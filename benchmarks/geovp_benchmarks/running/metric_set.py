@@ -7,8 +7,8 @@ from typing import Any, Self
 import numpy as np
 
 from geovp_benchmarks.matrix.components import Failure, build
-from geovp_benchmarks.matrix.schema import CONFIDENCE, COVERAGE
 from geovp_benchmarks.matrix.values import Spec
+from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
 from geovp_benchmarks.results.stored_facts import stored_bounds
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_classic import registry

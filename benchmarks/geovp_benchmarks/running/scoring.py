@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
-from geovp_benchmarks.matrix.schema import CONFIDENCE, COVERAGE
+from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
 from geovp_benchmarks.results.store import Rows
 from geovp_benchmarks.running.profiling import release_free_memory
 from geovp_classic.errors import BadData

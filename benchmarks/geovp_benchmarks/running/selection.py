@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.matrix.schema import ALWAYS_SCORED, Matrix
+from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.results.store import Cell, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_classic.errors import BadData

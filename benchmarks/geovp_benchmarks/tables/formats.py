@@ -16,7 +16,7 @@ from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.latex import latex
-from geovp_benchmarks.tables.table_model import Column, Row, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic.data.atomic import write_bytes
 
 NOTES = "## Notes\n"  # from this line on, a page is written by hand
@@ -37,7 +37,7 @@ def write_all(results: Results, built: Sequence[Table] | None = None) -> list[Pa
 
 
 def markdown(table: Table, width: int | None = None) -> str:
-    """GitHub's Markdown, columns aligned so that it reads well in a terminal, too.
+    """Return GitHub's Markdown, columns aligned so that it reads well in a terminal, too.
 
     On a terminal of so many columns long names are shortened, and metrics that don't fit stand in
     blocks below.
@@ -56,8 +56,8 @@ def markdown(table: Table, width: int | None = None) -> str:
 
 
 def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 2) -> list[str]:
-    """One grid, or as many below each other as no wider ones need; all begin with the first, shared
-    columns.
+    """Return one grid, or as many below each other as no wider ones need; all begin with the first,
+    shared columns.
     """
     if width is None:
         return grid(lines)
@@ -73,14 +73,14 @@ def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 
 
 
 def _shortened(name: str, width: int) -> str:
-    """The name with its middle left out where it is longer."""
+    """Return the name with its middle left out where it is longer."""
     half = (width - 1) // 2
     return name if len(name) <= width else f"{name[:half]}…{name[-half:]}"
 
 
 def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
-    """A Markdown table of a head and rows; with `numbers`, all columns but the first are aligned on
-    the right.
+    """Return a Markdown table of a head and rows; with `numbers`, all columns but the first are
+    aligned on the right.
     """
     widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
     layout = " | ".join(["{:<{}}", *["{:>{}}" if numbers else "{:<{}}"] * (len(widths) - 1)])
@@ -104,8 +104,8 @@ def write_page(path: Path, title: str, commands: Sequence[str], origin: str, tex
 
 
 def default_command(protocol: Mapping[str, Any]) -> str:
-    """The command that computes the rows of a matrix, which lies among ours or in the current
-    folder.
+    """Return the command that computes the rows of a matrix, which lies among ours or in the
+    current folder.
     """
     name, _, label = protocol["name"].partition(
         "/"
@@ -115,8 +115,8 @@ def default_command(protocol: Mapping[str, Any]) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """Unrounded numbers of each column: mean, interval, standard error, number of clips, effective
-    number.
+    """Return unrounded numbers of each column: mean, interval, standard error, number of clips,
+    effective number.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -132,14 +132,14 @@ def comma_separated(table: Table) -> str:
     return stream.getvalue()
 
 
-def value(table: Table, row: Row, column: Column) -> str:
-    """A value as Markdown has it, bold where it is the best."""
+def value(table: Table, row: MethodScores, column: Column) -> str:
+    """Return a value as Markdown has it, bold where it is the best."""
     mean, error = table.texts(row, column)
     return (f"**{mean}**" if table.is_best(row, column) else mean) + error
 
 
 def as_json(tables: Sequence[Table]) -> str:
-    """Unrounded numbers of all columns; null for what is not known."""
+    """Return unrounded numbers of all columns; null for what is not known."""
     return json.dumps([_plain(table) for table in tables], indent=2, ensure_ascii=False)
 
 
@@ -168,8 +168,8 @@ def _plain(table: Table) -> dict[str, Any]:
     }
 
 
-def _numbers(row: Row, key: str) -> dict[str, float | int | None]:
-    """The numbers of a value by NUMBERS, None for those that are not known."""
+def _numbers(row: MethodScores, key: str) -> dict[str, float | int | None]:
+    """Return the numbers of a value by NUMBERS, None for those that are not known."""
     if key not in row.estimates or int(row.estimates[key].count) == 0:
         return {**dict.fromkeys(NUMBERS), "clips": 0}
     one, found = row.estimates[key], row.intervals[key]
@@ -188,7 +188,7 @@ def _numbers(row: Row, key: str) -> dict[str, float | int | None]:
 
 
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of texts as lines whose columns are aligned on the left."""
+    """Return rows of texts as lines whose columns are aligned on the left."""
     widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
     return [
         "  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip()

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from geovp_benchmarks.tables.table_model import Column, Row, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 
 TEX = {letter: f"\\{letter}" for letter in "&%_#${}"} | {
     "~": r"\textasciitilde{}",
@@ -23,8 +23,8 @@ FIT = r"\ifdim\wd0>\textwidth\resizebox{\textwidth}{!}{\usebox0}\else\usebox0\fi
 
 
 def latex(table: Table) -> str:
-    """A `table` with caption and label; more columns than the text is wide go into several parts,
-    one below another.
+    """Return a `table` with caption and label; more columns than the text is wide go into several
+    parts, one below another.
 
     An interval stands below its mean. Whatever still is too wide is shrunk by LaTeX, which knows
     how wide the text is; parts that would be too high together become tables of one number.
@@ -61,7 +61,7 @@ def latex(table: Table) -> str:
 
 
 def _parts(table: Table) -> list[Sequence[Column]]:
-    """The columns in as few parts of about equal width as fit the text."""
+    """Return the columns in as few parts of about equal width as fit the text."""
     names = max((len(row.name) + len(row.marks) for row in table.rows), default=6)
     free_pt = TEXT_PT - SMALL_PT * (names + 5) - 2 * GAP_PT
     widths_pt = [_width_pt(table, column) for column in table.columns]
@@ -93,8 +93,8 @@ def _tabular(table: Table, columns: Sequence[Column]) -> Iterator[str]:
     yield from (r"\bottomrule", r"\end{tabular}")
 
 
-def _row(table: Table, row: Row, columns: Sequence[Column]) -> Iterator[str]:
-    """The means, and below them their intervals; standard errors stand beside."""
+def _row(table: Table, row: MethodScores, columns: Sequence[Column]) -> Iterator[str]:
+    """Yield the means, and below them their intervals; standard errors stand beside."""
     marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
     texts = [table.texts(row, column) for column in columns]
     means = [
@@ -115,8 +115,8 @@ def _row(table: Table, row: Row, columns: Sequence[Column]) -> Iterator[str]:
 
 
 def _halves(heading: str) -> tuple[str, str]:
-    """A heading on two lines, broken at the space that makes the longer one shortest; one line
-    stands below.
+    """Return a heading on two lines, broken at the space that makes the longer one shortest; one
+    line stands below.
     """
     words = heading.split(" ")
     breaks = [(" ".join(words[:at]), " ".join(words[at:])) for at in range(len(words))]
@@ -124,5 +124,5 @@ def _halves(heading: str) -> tuple[str, str]:
 
 
 def tex_escaped(text: str) -> str:
-    """Text with the letters that LaTeX would take for commands spelled out."""
+    """Return text with the letters that LaTeX would take for commands spelled out."""
     return text.translate({ord(letter): tex for letter, tex in TEX.items()})

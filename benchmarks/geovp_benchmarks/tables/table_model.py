@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from geovp_benchmarks.analysis import intervals, statistics
-from geovp_benchmarks.analysis.intervals import LEVEL, UNBOUNDED, Bounds, Interval
+from geovp_benchmarks.analysis.intervals import Interval
 from geovp_benchmarks.analysis.statistics import Estimate
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Cell
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.05
 MIN_EFFECTIVE = 8.0  # clips, below which no value is in bold
@@ -34,8 +34,8 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One method."""
+class MethodScores:
+    """Scores of one method."""
 
     name: str
     marks: str
@@ -50,6 +50,11 @@ class Row:
     intervals: Mapping[str, Interval]  # by column
     protocol: str = ""  # the id of what it was computed under
 
+    def has_no_error(self, key: str) -> bool:
+        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
+        values = self.values.get(key, np.array([np.nan]))
+        return bool(np.isfinite(values).any() and np.nanmax(np.abs(values)) < 1e-6)
+
     @classmethod
     def of(
         cls,
@@ -61,9 +66,9 @@ class Row:
         by_truth: bool = False,
         protocol: str = "",
         bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
-        level: float = LEVEL,
+        level: float = 0.95,
     ) -> Self:
-        """Return the row with its estimates."""
+        """Return the scores with their estimates."""
         sequences, ends = intervals.sequences_of(clips), bounds or {}
         found = {
             key: intervals.interval(one, sequences, level, bounds=ends.get(key, UNBOUNDED))
@@ -89,7 +94,7 @@ class Table:
     name: str  # of the files
     title: str
     columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[MethodScores, ...]
     notes: tuple[str, ...]
     best: frozenset[tuple[str, str]]  # (row, column) in bold
     spread: Spread = "interval"
@@ -97,23 +102,19 @@ class Table:
     caption: str = ""  # in LaTeX; "": the title
     label: str = ""  # in LaTeX; "": after the name
 
-    def is_best(self, row: Row, column: Column) -> bool:
-        """Whether the value is printed in bold."""
+    def is_best(self, row: MethodScores, column: Column) -> bool:
+        """Return whether the value is printed in bold."""
         return (row.name, column.key) in self.best
 
-    def clips(self, row: Row) -> str:
-        """How many clips a row has, and how many independent ones they are worth in the first
-        column.
-        """
+    def clips(self, row: MethodScores) -> str:
+        """Return the number of clips and, if smaller, the effective sample size in column 1."""
         found = row.intervals.get(self.columns[0].key) if self.columns else None
         fewer = found is not None and found.effective < row.num_clips - 0.5
         worth = f" ({found.effective:.0f})" if found is not None and fewer else ""
         return f"{row.num_clips}{worth}"
 
-    def texts(self, row: Row, column: Column) -> tuple[str, str]:
-        """The mean, and behind it the interval or standard error and the clips, where fewer than
-        the row has.
-        """
+    def texts(self, row: MethodScores, column: Column) -> tuple[str, str]:
+        """Return the mean, and the interval or standard error with a differing number of clips."""
         estimate = row.estimates.get(column.key)
         if estimate is None or int(estimate.count) == 0:
             return "unavailable" if column.unavailable else "-", ""
@@ -143,7 +144,7 @@ class Choice:
     metrics: tuple[str, ...] = ()  # columns: "psnr", "psnr@covered", "coverage"
 
     def cells(self, cells: Sequence[Cell]) -> list[Cell]:
-        """The cells of the chosen rows; BadData when a name is none of theirs."""
+        """Return the cells of the chosen rows; BadData when a name is none of theirs."""
         found = {}
         for name in self.methods:
             own = [cell for cell in cells if _is_of(name, cell.label)]
@@ -154,9 +155,9 @@ class Choice:
             found.update({cell.name: cell for cell in own})
         return [*found.values()] if self.methods else list(cells)
 
-    def rows(self, rows: Sequence[Row]) -> list[Row]:
-        """The chosen ones of the chosen cells' rows, each once; BadData when a name is none of
-        theirs.
+    def rows(self, rows: Sequence[MethodScores]) -> list[MethodScores]:
+        """Return the chosen ones of the chosen cells' rows, each once; BadData when a name is none
+        of theirs.
         """
         if not self.methods:
             return list(rows)
@@ -174,7 +175,7 @@ class Choice:
         return [*found.values()]
 
     def columns(self, metrics: Iterable[str], keys: Iterable[str]) -> list[str]:
-        """The chosen columns, none where all are meant; BadData when a name is none of them."""
+        """Return the chosen columns, none where all are meant; BadData for an unknown name."""
         known = [*dict.fromkeys([*metrics, *keys])]
         for name in self.metrics:
             if name not in known:
@@ -182,7 +183,7 @@ class Choice:
         return [*dict.fromkeys(self.metrics)]
 
     def including(self, row: str) -> Self:
-        """The choice with a row that others are compared with."""
+        """Return the choice with a row that others are compared with."""
         return replace(self, methods=(row, *self.methods)) if self.methods else self
 
 
@@ -190,24 +191,23 @@ EVERYTHING = Choice()
 
 
 def _is_of(name: str, label: str) -> bool:
-    """Whether a row's name is a method's label, or that with how its samples were
+    """Return whether a row's name is a method's label, or that with how its samples were
     reduced behind.
     """
     return name == label or name.startswith(f"{label}, ")
 
 
-def different(rows: Sequence[Row], column: Column) -> list[Row]:
+def different(rows: Sequence[MethodScores], column: Column) -> list[MethodScores]:
     """Return the rows of differences with an interval in a column that excludes zero."""
     return [
         row
         for row in rows
-        if column.key in row.intervals
-        and (row.intervals[column.key].low > 0 or row.intervals[column.key].high < 0)
+        if column.key in row.intervals and row.intervals[column.key].excludes_zero
     ]
 
 
 def best(
-    rows: Sequence[Row], columns: Sequence[Column], clips: Sequence[str]
+    rows: Sequence[MethodScores], columns: Sequence[Column], clips: Sequence[str]
 ) -> frozenset[tuple[str, str]]:
     """Return (row, column) where no method with the same or fewer inputs is significantly better.
 
@@ -227,17 +227,17 @@ def best(
     return frozenset(marked)
 
 
-def _has_mean(row: Row, key: str) -> bool:
+def _has_mean(row: MethodScores, key: str) -> bool:
     return key in row.values and bool(np.isfinite(row.estimates[key].mean))
 
 
-def _may_rival(other: Row, row: Row) -> bool:
+def _may_rival(other: MethodScores, row: MethodScores) -> bool:
     """Return whether a method has no privileged input that the row lacks."""
     return set(other.marks) <= set(row.marks) and other.by_truth == row.by_truth
 
 
 def _is_beaten(
-    row: Row, rivals: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_]
+    row: MethodScores, rivals: Sequence[MethodScores], column: Column, sequences: IntArray
 ) -> bool:
     """Return whether a rival is better, p < .05 after Bonferroni's correction for better means.
 
@@ -247,7 +247,9 @@ def _is_beaten(
     key = column.key
     mean = sign * float(row.estimates[key].mean)
     better = [rival for rival in rivals if sign * float(rival.estimates[key].mean) > mean]
-    if any(one.intervals[key].effective < MIN_EFFECTIVE for one in (row, *better)):
+    if not column.higher_is_better and any(rival.has_no_error(key) for rival in better):
+        return True  # a positive error is worse than none, which needs no test
+    if any(method.intervals[key].effective < MIN_EFFECTIVE for method in (row, *better)):
         return True
     for rival in sorted(better, key=lambda rival: -sign * float(rival.estimates[key].mean)):
         gap = sign * (rival.values[key] - row.values[key])

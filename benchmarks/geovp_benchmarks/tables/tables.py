@@ -10,8 +10,8 @@ import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.analysis.statistics import Cube
-from geovp_benchmarks.matrix.schema import ALWAYS_SCORED, COVERAGE
 from geovp_benchmarks.results import provenance
+from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE
 from geovp_benchmarks.results.store import Cell, Results, Rows
 from geovp_benchmarks.results.stored_facts import (
     bounds,
@@ -27,7 +27,7 @@ from geovp_benchmarks.tables.table_model import (
     SIGNIFICANT,
     Choice,
     Column,
-    Row,
+    MethodScores,
     Spread,
     Table,
     best,
@@ -35,7 +35,7 @@ from geovp_benchmarks.tables.table_model import (
 )
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
@@ -45,6 +45,7 @@ BOLD = (
 FEW = "No value is in bold if it or a better rival has fewer than eight effective clips."
 SIMULTANEOUS = "simultaneous 95 % intervals (Bonferroni) of the mean paired difference"
 STAR = "*: the interval excludes zero."
+EXACT = "{} has no {}: what others have is printed without a test."
 BEST_OF = (
     "Oracle-selected: a best sample is selected with the real future, which is unavailable at "
     "prediction time, so such methods compete only with each other. 'best of N' selects per "
@@ -59,57 +60,30 @@ def build(
     strict: bool = False,
     choice: Choice = EVERYTHING,
 ) -> list[Table]:
-    """The main table (whole frames and poses), then one per frame metric that was also taken over
-    sets of pixels.
+    """Return the main table (whole frames and poses), then those over sets of pixels and samples.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
-    out. Of a choice of columns there is but one table, and rows compete among those chosen.
+    out. Of a choice of columns there is but one table, and methods compete among those chosen.
     """
     protocol, cells = results.protocol(), choice.cells(results.cells())
-    rows = {
-        cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")
-    }
-    failures = {name: results.failures(name) for name in rows}
+    ran = [cell for cell in cells if cell.status in ("done", "partial")]
+    failures = {cell.name: results.failures(cell.name) for cell in ran}
+    scores = {cell.name: results.scores(cell.name) for cell in ran}
     if strict:
-        rows = {
-            name: one.of_clips({*one.clip.categories} - failures[name].keys())
-            for name, one in rows.items()
-        }
-    keys = _keys(rows.values())
+        for name, rows in scores.items():
+            scores[name] = rows.of_clips({*rows.clip.categories} - failures[name].keys())
+    keys = _keys(scores.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
-    main = choice.columns(metrics, keys) or [name for name in metrics if name not in ALWAYS_SCORED]
-    methods = [
-        line
-        for cell in cells
-        if cell.name in rows
-        for line in _lines(cell, rows[cell.name], protocol)
-    ]
-    methods = choice.rows(methods)
-    tables = [
-        _table(
-            "scores",
-            "whole frames and poses",
-            {key: title(key) for key in main},
-            protocol,
-            methods,
-            cells,
-        )
-    ]
-    for name in (name for name in main if not choice.metrics and metrics[name]["role"] == "frame"):
-        apart = [key for key in keys if key.startswith(f"{name}@")]
-        if apart:
-            columns = {
-                name: "all pixels",
-                **{key: f"{key.partition('@')[2]} pixels" for key in apart},
-            }
-            columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
-            heading = f"{title(name)} over sets of pixels"
-            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+    main = choice.columns(metrics, keys) or [key for key in metrics if key not in ALWAYS_SCORED]
+    lines = [line for cell in ran for line in _lines(cell, scores[cell.name], protocol)]
+    methods = choice.rows(lines)
+    headings = {key: title(key) for key in main}
+    tables = [_table("scores", "whole frames and poses", headings, protocol, methods, cells)]
     if not choice.metrics:
-        tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
-    excuses = [
-        _excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)
-    ]
+        frame_metrics = [name for name in main if metrics[name]["role"] == "frame"]
+        tables += _pixel_tables(frame_metrics, keys, protocol, methods, cells)
+        tables += [table for name in main for table in _sampled(name, protocol, cells, scores)]
+    excuses = [_excuse(cell, failures[cell.name], strict) for cell in ran if failures[cell.name]]
     tables = [replace(table, spread=spread) for table in tables]
     return [
         replace(table, notes=(table.notes[0], *_used(table), *table.notes[1:], *excuses))
@@ -117,8 +91,28 @@ def build(
     ]
 
 
+def _pixel_tables(
+    metrics: Sequence[str],
+    keys: Sequence[str],
+    protocol: Mapping[str, Any],
+    methods: Sequence[MethodScores],
+    cells: Sequence[Cell],
+) -> list[Table]:
+    """Return a table per metric that was also taken over sets of pixels."""
+    tables = []
+    for name in metrics:
+        sets = [key for key in keys if key.startswith(f"{name}@")]
+        if sets:
+            columns = {name: "all pixels"}
+            columns |= {key: f"{key.partition('@')[2]} pixels" for key in sets}
+            columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
+            heading = f"{title(name)} over sets of pixels"
+            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+    return tables
+
+
 def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
-    """Which clips a method could not predict, why, and how they count."""
+    """Return which clips a method could not predict, why, and how they count."""
     treated = (
         "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
     )
@@ -131,55 +125,76 @@ def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
 def against(
     results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING
 ) -> Table:
-    """Paired differences of all rows of the main table from one of them, over the clips that both
-    have.
+    """Return paired differences of the main table's methods from one, over their common clips.
 
-    Of a method with samples the row of the mean one.
+    A method with samples is compared by its mean over them.
     """
     main = build(results, strict=strict, choice=choice.including(name))[0]
-    chosen = next(
-        (row for row in main.rows if row.name == name or row.name.startswith(f"{name}, mean of ")),
-        None,
+    names = [method.name for method in main.rows]
+    matches = (
+        method
+        for method in main.rows
+        if method.name == name or method.name.startswith(f"{name}, mean of ")
     )
-    if chosen is None:
-        raise BadData(
-            f"no method is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
-        )
-    clips, rows = results.protocol()["clips"], []
-    others = [row for row in main.rows if row is not chosen and row.num_clips]
+    reference = next(matches, None)
+    if reference is None:
+        raise BadData(f"no method is called {name!r}{registry.nearest(name, names)}")
+    exact = [
+        column.key
+        for column in main.columns
+        if column.higher_is_better is False and reference.has_no_error(column.key)
+    ]
+    others = [method for method in main.rows if method is not reference and method.num_clips]
     level = 1 - SIGNIFICANT / max(len(others), 1)
-    for row in others:
-        values = {
-            key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values
-        }
-        both = np.isfinite(np.array([*values.values()])).any(axis=0)
-        rows.append(
-            Row.of(
-                row.name, row.marks, values, clips, both, row.by_truth, row.protocol, level=level
-            )
-        )
+    clips = results.protocol()["clips"]
+    rows = [_difference(method, reference, clips, exact, level) for method in others]
     columns = tuple(
         column for column in main.columns if any(column.key in row.values for row in rows)
     )
-    starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
-    whole = main.title.partition(":")[0]
-    heading = f"{whole}: differences from {name}"
-    table = Table(
-        "against", heading, columns, tuple(rows), (), frozenset(), starred=frozenset(starred)
+    starred = frozenset(
+        (row.name, column.key)
+        for column in columns
+        if column.key not in exact
+        for row in different(rows, column)
     )
-    kind, *_ = _used(table)
-    return replace(
-        table,
-        notes=(
-            main.notes[0],
-            kind.replace("95 % interval of the mean", SIMULTANEOUS),
-            *[STAR] * bool(starred),
-        ),
+    heading = f"{main.title.partition(':')[0]}: differences from {name}"
+    table = Table("against", heading, columns, tuple(rows), (), frozenset(), starred=starred)
+    kind = _used(table)[0].replace("95 % interval of the mean", SIMULTANEOUS)
+    notes = [main.notes[0], kind, *[STAR] * bool(starred)]
+    if exact:
+        notes.append(EXACT.format(name, ", ".join(map(title, exact))))
+    return replace(table, notes=tuple(notes))
+
+
+def _difference(
+    method: MethodScores,
+    reference: MethodScores,
+    clips: Sequence[str],
+    exact: Sequence[str],
+    level: float,
+) -> MethodScores:
+    """Return a method's values less those of the reference, which has no error in `exact`."""
+    values = {
+        key: array - reference.values[key]
+        for key, array in method.values.items()
+        if key in reference.values
+    }
+    has_both = np.isfinite(np.array([*values.values()])).any(axis=0)
+    return MethodScores.of(
+        method.name,
+        method.marks,
+        values,
+        clips,
+        has_both,
+        method.by_truth,
+        method.protocol,
+        dict.fromkeys(exact, (0.0, np.inf)),
+        level,
     )
 
 
 def _used(table: Table) -> list[str]:
-    """What stands behind means and clips, and what is bold: each where there is any."""
+    """Return notes on intervals, effective sample sizes and bold values, where there are any."""
     shown = [
         (row, column)
         for row in table.rows
@@ -209,7 +224,7 @@ def _table(
     heading: str,
     columns: Mapping[str, str],  # key -> words
     protocol: Mapping[str, Any],
-    rows: Sequence[Row],
+    rows: Sequence[MethodScores],
     cells: Sequence[Cell],
 ) -> Table:
     abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
@@ -219,7 +234,7 @@ def _table(
     return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), notes, bold)
 
 
-def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
+def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[MethodScores]) -> Column:
     means = np.array([float(row.estimates[key].mean) for row in rows if key in row.estimates])
     known = means[np.isfinite(means)]
     higher = higher_is_better(key, about)
@@ -230,15 +245,15 @@ def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row])
     return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
 
 
-def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
-    """One row of a cell with one sample, three of a cell with more."""
+def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[MethodScores]:
+    """Return the scores of a method; with several samples also those of the best ones."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
     abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
     higher = {key: higher_is_better(key, about) for key, about in abouts.items()}
     ends = {key: bounds(key, about) for key, about in abouts.items()}
     clips, lines = protocol["clips"], []
-    scored = np.isin(clips, rows.clip.categories)
+    scored = _is_among(clips, rows.clip.categories)
     for suffix, reduce in _reductions(cubes, higher, protocol).items():
         values = {
             key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()
@@ -248,23 +263,34 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
             provenance.method_id(cell, protocol),
         )
         lines.append(
-            Row.of(cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends)
+            MethodScores.of(
+                cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends
+            )
         )
     return lines
 
 
+def _is_among(clips: Sequence[str], scored: Sequence[str]) -> BoolArray:
+    """Return which clips [N] a method has scores of."""
+    names = set(scored)
+    return np.array([clip in names for clip in clips], bool)
+
+
 def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
-    """The means over steps of values [n, F] in the order of all clips [N], NaN for those that the
-    cube lacks.
+    """Return the means over steps of values [n, F] in the order of all clips [N], NaN for those
+    that the cube lacks.
     """
-    means = dict(zip(cube.clips, statistics.over_steps(values).tolist(), strict=True))
+    steps = statistics.over_steps(values)
+    if cube.clips == tuple(clips):
+        return steps
+    means = dict(zip(cube.clips, steps.tolist(), strict=True))
     return np.array([means.get(clip, np.nan) for clip in clips])
 
 
 def _reductions(
     cubes: Mapping[str, Cube], higher: Mapping[str, bool | None], protocol: Mapping[str, Any]
 ) -> dict[str, statistics.Reduction]:
-    """The reductions over samples, a row each, by the suffix of the method's name."""
+    """Return the reductions over samples, by the suffix of the method's name."""
     count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
     if count == 1:
         return {"": statistics.mean_of_samples}
@@ -285,7 +311,7 @@ def _reductions(
 def _sampled(
     name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]
 ) -> list[Table]:
-    """The expected best of k samples in one metric, where a cell has several samples."""
+    """Return the expected best of k samples in one metric, where a cell has several samples."""
     about = protocol["metrics"][name]
     higher = higher_is_better(name, about)
     if higher is None:
@@ -307,9 +333,11 @@ def _sampled(
             if k <= curve.shape[1]
         }
         ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
-        scored = np.isin(clips, cube.clips)
+        scored = _is_among(clips, cube.clips)
         lines.append(
-            Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends)
+            MethodScores.of(
+                cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends
+            )
         )
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = (
@@ -348,5 +376,5 @@ def _notes(
 
 
 def _keys(tables: Iterable[Rows]) -> list[str]:
-    """All columns that have rows, in their order."""
+    """Return all columns that have scores, in their order."""
     return list(dict.fromkeys(key for rows in tables for key in rows.metric.categories))
