@@ -65,7 +65,7 @@ class Headline:
         ]
 
     @property
-    def judge(self) -> Row | None:
+    def judge(self) -> MethodScores | None:
         """Return the method whose score orders the clips."""
         return self.best("copy-last", is_privileged=False) or next(iter(self.methods), None)
 
