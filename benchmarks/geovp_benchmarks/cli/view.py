@@ -1,6 +1,4 @@
-"""Write a kept clip as a Rerun recording: frames, cloud, paths and sampled futures
-on a time line.
-"""
+"""Write a kept clip as a Rerun recording: images and paths of cameras on one time line."""
 
 import argparse
 from pathlib import Path
