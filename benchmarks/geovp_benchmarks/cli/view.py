@@ -1,5 +1,7 @@
 """Write a kept clip as a Rerun recording: frames, cloud, paths and sampled futures
 on a time line.
+
+It needs the extra `viz` (rerun): `pip install "geovp-classic[viz]"`.
 """
 
 import argparse
