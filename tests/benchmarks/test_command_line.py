@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -163,6 +164,8 @@ def test_the_page_of_a_component(printed: Says, as_json: Callable[..., Any]) -> 
     assert "constant-velocity (pose_sources)" in text
     assert "constant-velocity (forecasters)" in text
     assert "privileged inputs: past poses" in text
+    table = tomllib.loads(printed("list", "refined"))["pose_sources"]["refined"]
+    assert table["refinements"][0]["name"] == "registration"
     (page,) = as_json("list", "depth-fusion")
     fields = {field["name"]: field for field in page["fields"]}
     assert fields["num_frames"]["default"] == 10

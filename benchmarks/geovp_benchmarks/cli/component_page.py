@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import inspect
+import json
 import re
 from importlib import metadata
 from typing import Any
@@ -73,18 +74,24 @@ def page(role: str, name: str) -> ComponentPage:
     )
 
 
-def lines(one: ComponentPage) -> list[str]:
-    """The page for people."""
-    said = [f"{one.name} ({one.role})", "", one.about, ""]
-    for field in one.fields:
-        said.append(
-            f"  {field.name} = {_short(field.default)}"
-            + (f"  # {field.meaning}" if field.meaning else "")
-        )
-    if one.needs is not None:
-        inputs = ", ".join(one.needs).lower().replace("_", " ")
-        said += ["", f"privileged inputs: {inputs or 'nothing'}"]
-    return [*said, f"from {one.source}"]
+def lines(page: ComponentPage) -> list[str]:
+    """Write the page as TOML for a matrix file, with the explanations as comments."""
+    about = [f"{page.name} ({page.role})", "", *page.about.splitlines()]
+    said = [f"# {line}".rstrip() for line in about]
+    if page.needs is not None:
+        inputs = ", ".join(page.needs).lower().replace("_", " ")
+        said.append(f"# privileged inputs: {inputs or 'nothing'}")
+    said.append(f"# from {page.source}")
+    if page.role in ("pose_sources", "renderers", "predictors"):  # tables of a matrix file
+        said.append(f"[{page.role}.{page.name}]")
+    said.append(f'name = "{page.name}"')
+    for field in page.fields:
+        meaning = f"  # {field.meaning}" if field.meaning else ""
+        if field.default == "required":
+            said.append(f"# {field.name} =   (required){meaning}")
+        else:
+            said.append(f"{field.name} = {_toml(field.default)}{meaning}")
+    return said
 
 
 def _source(kind: type) -> str:
@@ -100,12 +107,14 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return "required" if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-def _short(value: Any) -> str:
-    """A value as in a matrix file; of nested components the names alone."""
+def _toml(value: Any) -> str:
+    """Write a value as TOML on one line."""
+    if dataclasses.is_dataclass(value):
+        value = registry.describe(value)
     if isinstance(value, dict):
-        return f'"{value["name"]}"' if "name" in value else "{...}"
+        return f"{{{', '.join(f'{key} = {_toml(item)}' for key, item in value.items())}}}"
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(_short, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) and value != "required" else str(value)
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, (bool, str)):
+        return json.dumps(value)
+    return str(value)

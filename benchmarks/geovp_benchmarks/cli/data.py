@@ -1,4 +1,4 @@
-"""Look after data sets."""
+"""Look after data sets and results folders."""
 
 import argparse
 import dataclasses
@@ -16,7 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "doctor", help="what is there, and what is wrong with it, line by line"
     )
     doctor.add_argument(
-        "root", type=Path, metavar="ROOT", help="KITTI odometry or raw, TUM, EuRoC, COLMAP, images"
+        "root",
+        type=Path,
+        metavar="ROOT",
+        help="KITTI odometry or raw, TUM, EuRoC, COLMAP, images, or a results folder",
     )
     add_json(doctor)
     doctor.add_argument("--deep", action="store_true", help="decode every image as well")
@@ -24,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a table of the sequences, the findings, and the splits that can be used."""
+    if any((chosen.root / name).exists() for name in ("protocol.json", "datasets.json")):
+        return _examine_results(chosen.root, chosen.json)
     from geovp_benchmarks.tables.formats import columns
     from geovp_classic.data.doctor import Doctor
 
@@ -45,3 +50,29 @@ def run(chosen: argparse.Namespace) -> int:
         print(f"{finding.severity}: {finding}")
     print(f"named splits whose frames are all here: {', '.join(found.usable_splits) or 'none'}")
     return int(not found.is_sound)
+
+
+def _examine_results(root: Path, as_json: bool) -> int:
+    """Print which scores a results folder lacks; 1 when any are missing or damaged."""
+    from geovp_benchmarks.results.store import Results
+
+    lacks = []
+    for label, results in Results(root).by_dataset().items():
+        protocol = results.protocol()
+        for name in protocol["cells"]:
+            method = f"{label}/{name}" if label else name
+            stored = {clip for part in results.parts(name) for clip in part.clips}
+            missing = [clip for clip in protocol["clips"] if clip not in stored]
+            if missing:
+                total = len(protocol["clips"])
+                lacks.append(
+                    f"{method}: scores of {len(missing)} of {total} clips are missing, "
+                    f"such as {missing[0]}"
+                )
+            lacks += [f"{path} is damaged" for path in results.damaged_parts(name)]
+    if as_json:
+        print(json.dumps({"is_sound": not lacks, "findings": lacks}, indent=2))
+    else:
+        advice = "`geovp run` with the same matrix computes what is missing"
+        print(*(lacks or ["nothing is missing"]), *[advice] * bool(lacks), sep="\n")
+    return int(bool(lacks))

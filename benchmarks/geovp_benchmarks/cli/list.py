@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import importlib.util
 import json
+import re
 import sys
 from collections.abc import Iterator
 from importlib import metadata
@@ -54,7 +55,11 @@ def run(chosen: argparse.Namespace) -> int:
             provider = f"[{entry['package']}]" if entry["package"] != "geovp-classic" else ""
             lacks = f"(needs {entry['lacks']})" if entry["lacks"] else ""
             remark = f"(needs extra: {entry['extra']})" if entry["extra"] else lacks
-            print("  " + " ".join(filter(None, (entry["name"], provider, remark))))
+            print(
+                "  "
+                + " ".join(filter(None, (entry["name"], provider, remark)))
+                + f": {entry['about']}" * bool(entry["about"])
+            )
     return 0
 
 
@@ -69,8 +74,29 @@ def _entries(role: str) -> list[dict[str, str]]:
         lacks = missing_import(entry.value.partition(":")[0])
         extra = registry.EXTRA_OF_MODULE.get(lacks.partition(".")[0], "")
         package = entry.dist.name if entry.dist is not None else ""
-        found.append({"name": entry.name, "package": package, "lacks": lacks, "extra": extra})
+        found.append(
+            {
+                "name": entry.name,
+                "package": package,
+                "lacks": lacks,
+                "extra": extra,
+                "about": _about(entry.value),
+            }
+        )
     return found
+
+
+def _about(place: str) -> str:
+    """Read the first sentence of a component's docstring, without importing it."""
+    module, _, name = place.partition(":")
+    spec = _spec(module)
+    if spec is None or not (spec.origin or "").endswith(".py"):
+        return ""
+    for node in ast.parse(Path(str(spec.origin)).read_bytes()).body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name:
+            paragraph = (ast.get_docstring(node) or "").partition("\n\n")[0]
+            return re.split(r"\.\s+(?=[A-Z])", " ".join(paragraph.split()))[0].removesuffix(".")
+    return ""
 
 
 def _show(name: str, as_json: bool) -> int:

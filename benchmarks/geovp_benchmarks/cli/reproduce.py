@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.cli.arguments import add_device, positive
 from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=positive, default=1, metavar="N", help="processes (default: this one)"
     )
+    add_device(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -71,6 +72,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
     matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.methods)
+    matrix = matrix.with_device(chosen.device)
     results = Results(chosen.out or Path("results") / chosen.name)
     cells = _fill(matrix, results, chosen)
     texts = {ending: render(results) for ending, render in reproduction.TABLES[chosen.name].items()}

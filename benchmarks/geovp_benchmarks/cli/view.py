@@ -1,4 +1,8 @@
-"""Write a kept clip as a Rerun recording: images and paths of cameras on one time line."""
+"""Write a kept clip as a Rerun recording: frames, cloud, paths and sampled futures
+on a time line.
+
+It needs the extra `viz` (rerun): `pip install "geovp-classic[viz]"`.
+"""
 
 import argparse
 from pathlib import Path
