@@ -219,7 +219,12 @@ class Results:
         with suppress(Timeout), FileLock(self.root / ".merge.lock", timeout=0):
             # A file that another run writes from here on is not removed.
             stored = self.score_files.parts(cell)
-            sound = [path for path, parts in stored.items() if parts is not None]
+            folder = self.root / cell / "scores"  # a file that methods share stays
+            sound = [
+                path
+                for path, parts in stored.items()
+                if parts is not None and path.parent == folder
+            ]
             if len(sound) > 1:
                 self.score_files.merge(cell, self._stored(cell, only_wanted=False), sound)
 
