@@ -216,7 +216,7 @@ class Results:
 
     def merge(self, cell: str) -> None:
         """Merge the score files of a method into one; scores of clips no longer wanted stay."""
-        with suppress(Timeout), FileLock(self.root / ".merge.lock", timeout=0):
+        with suppress(Timeout, NotImplementedError), FileLock(self.root / ".merge.lock", timeout=0):
             # A file that another run writes from here on is not removed.
             stored = self.score_files.parts(cell)
             folder = self.root / cell / "scores"  # a file that methods share stays
