@@ -176,16 +176,22 @@ class ScoreFiles:
 
     def _source(self, stored: Stored) -> str:
         """Return the relation of the rows of these parts; `clips` becomes the type of its clips."""
+        self._enumerate("clips", stored.clips)
+        files = _files([*stored.parts])
+        num_stored = sum(
+            len(part.clips) for path in stored.parts for part in self._read[path][1] or ()
+        )
+        if num_stored == len(stored.clips):  # all that is in the files
+            return files
         entries = [
             (str(path), part.method, clip)
             for path, parts in stored.parts.items()
             for part in parts
             for clip in part.clips
         ]
-        files, methods, clips = (np.array(column, object) for column in zip(*entries, strict=True))
-        self._enumerate("clips", stored.clips)
-        self._database.register("wanted", {"filename": files, "method": methods, "clip": clips})
-        return f"{_files([*stored.parts])} SEMI JOIN wanted USING (filename, method, clip)"
+        paths, methods, clips = (np.array(column, object) for column in zip(*entries, strict=True))
+        self._database.register("wanted", {"filename": paths, "method": methods, "clip": clips})
+        return f"{files} SEMI JOIN wanted USING (filename, method, clip)"
 
     def _enumerate(self, kind: str, names: Sequence[str]) -> None:
         numbered = {"name": np.array(names, object), "number": np.arange(len(names))}
