@@ -129,7 +129,7 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     cell |= {"privileged_inputs": []}
     results.write_cell("x", cell)
     rows = Rows.of(["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
-    results.write_part("x", rows, Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
+    results.write_part("x", rows, Part(("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
     stack = np.stack([IMAGE] * 8)
     results.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
@@ -142,7 +142,8 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
     def write(folder: Path) -> Path:
         write_results(folder, ["near", "far"] if file == "datasets.json" else [""])
-        return folder / file
+        (path,) = folder.glob(file)
+        return path
 
     root = file.count("/")
     has_checksum = not file.endswith(".json")
@@ -285,7 +286,7 @@ READERS: dict[str, Reader] = {
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
     "clip": result("clips/a.npz", lambda results: results.clip("a")),
     "prediction": result("x/predictions/a.npz", lambda results: results.prediction("x", "a")),
-    "part": result("x/scores/part-00000.parquet", read_scores),
+    "part": result("x/scores/part-*.parquet", read_scores),
     "cell.json": result("x/cell.json", lambda results: results.cells()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),
     "datasets.json": result("datasets.json", lambda results: list(results.by_dataset())),

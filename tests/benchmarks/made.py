@@ -116,7 +116,7 @@ def write_row(
     own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
     results.write_cell(name, {**own, **record})
     if lines:
-        results.write_part(name, scores(lines), Part(0, clips, "f", {}, {}, 0.0, facts=facts or {}))
+        results.write_part(name, scores(lines), Part(clips, "f", {}, {}, 0.0, facts=facts or {}))
 
 
 def write_protocol(

@@ -119,7 +119,7 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
     results = Results(b)
     for part in results.parts("still"):
         rows = results.scores("still").of_clips(part.clips)
-        why = dict.fromkeys(part.clips[:1], ("failed", "no light", ""))
+        why = dict.fromkeys(part.clips[::2], ("failed", "no light", ""))
         results.write_part(
             "still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"})
         )

@@ -199,18 +199,17 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
     printed(*run(street))
     before = rows(out, "copy-last")
     damaged = [
-        out / "copy-last/scores/part-00000.parquet",
+        *(out / "copy-last/scores").glob("part-*.parquet"),
         *(out / "copy-last/predictions").glob("*.npz"),
     ]
     for path in damaged:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
-    assert "part-00000.parquet is damaged: `geovp run` sets it aside" in refused("table", out)
+    assert ".parquet is damaged: `geovp run` sets it aside" in refused("table", out)
     printed(*run(street))
     for path in damaged:
         assert f"{path} was damaged: it is set aside" in caplog.text
-        assert path.exists()
         assert path.with_name(f"{path.name}.damaged").exists()
     assert rows(out, "copy-last") == before
 

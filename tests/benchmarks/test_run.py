@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running import built_matrix
+from geovp_benchmarks.running.built_matrix import BuiltMatrix
 from geovp_benchmarks.running.executors import Processes
 from geovp_benchmarks.tables import tables
 from geovp_classic.errors import BadData, GeovpError
@@ -143,7 +145,7 @@ class TestAgain:
         tables = content({"clips": 4}, predictors={"still": {"name": "toy-still", "log": str(log)}})
         go(tmp_path, tables)
         first, tried = rows(tmp_path, "still"), len(log.read_text().split())
-        for key, value in (("stride", 2), ("num_future", 1)):
+        for key, value in (("num_past", 2), ("num_future", 1)):
             go(tmp_path, {**tables, "protocol": {**tables["protocol"], key: value}})
         assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
         assert len(Results(tmp_path).clip("road/000").frames) == 4
@@ -154,15 +156,44 @@ class TestAgain:
         assert len(Results(tmp_path).clip("road/000").frames) == 5
         assert len(log.read_text().split()) == 3 * tried
 
-    def test_a_lost_part_is_made_again(self, tmp_path: Path) -> None:
+    def test_another_stride_and_clips_per_task_recompute_nothing(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
+        go(tmp_path, tables)
+        before = rows(tmp_path, "still")
+        tables["protocol"]["stride"] = 2
+        go(tmp_path, tables, clips_per_task=3)
+        assert rows(tmp_path, "still") == before
+        assert len(log.read_text().split()) == 5
+
+    def test_a_clip_in_front_recomputes_no_other(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
+        names = BuiltMatrix.clip_names
+        with monkeypatch.context() as patched:  # as if the first clip were not there yet
+            patched.setattr(BuiltMatrix, "clip_names", lambda *args: names(*args)[1:])
+            patched.setattr(built_matrix, "_clip", lambda built, i, name: built.dataset[i + 1])
+            go(tmp_path, tables, keep=0)
+        assert len(rows(tmp_path, "still")) == 4 * 2
+        go(tmp_path, tables, keep=0)
+        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
+        assert [row["clip"] for row in rows(tmp_path, "still")][::2] == [
+            f"road/00{index}" for index in range(5)
+        ]
+        assert len(log.read_text().split()) == 5
+
+    def test_a_lost_file_is_made_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
         go(tmp_path, tables, keep=0)
         before = rows(tmp_path, "still")
-        (tmp_path / "still/scores/part-00001.parquet").unlink()
+        (file,) = (tmp_path / "still/scores").glob("part-*.parquet")  # merged
+        file.unlink()
         go(tmp_path, tables, keep=0)
         assert rows(tmp_path, "still") == before
-        assert len(log.read_text().split()) == 5 + 2
+        assert len(log.read_text().split()) == 5 + 5
 
     def test_a_limited_run_grows_and_never_shrinks_a_longer_one(self, tmp_path: Path) -> None:
         tables = content(predictors=STILL)
@@ -224,8 +255,8 @@ class TestFailures:
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
         assert copied == [1.0, 2.0]  # the road gets brighter by one a frame
         tried = len(log.read_text().split())
-        go(tmp_path, tables, keep=0)  # parts with failed clips only: clips 2 and 3, and 4
-        assert len(log.read_text().split()) == tried + 3 + 1  # a clip that works is noted twice
+        go(tmp_path, tables, keep=0)  # failed clips only: 3 and 4
+        assert len(log.read_text().split()) == tried + 2
 
     def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(
         self, tmp_path: Path

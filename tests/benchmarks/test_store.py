@@ -1,19 +1,15 @@
 """What is written comes back, whole or not at all."""
 
 import dataclasses
-import multiprocessing
-import os
 import resource
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results import part_files
 from geovp_benchmarks.results.store import Part, Results, Rows, check_clip_name, write_bytes
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_row
 
@@ -42,7 +38,7 @@ def values(results: Results) -> list[float | None]:
 
 def begun(root: Path, fingerprint: str = "f") -> Results:
     results = Results(root)
-    results.write_protocol({"cells": ["x", "y"]})
+    results.write_protocol({"cells": ["x", "y"], "clips": ["a", "b", "it's"]})
     write_row(results, "x", fingerprint=fingerprint, status="partial")
     return results
 
@@ -87,47 +83,73 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     assert (plain.covered, plain.motion) == (None, None)
 
 
-def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Path) -> None:
+def file_of(results: Results, values: Rows, *about: Any) -> Path:
+    """Write a score file of method x and return its path."""
+    before = set(results.score_files.parts("x"))
+    results.write_part("x", values, Part(*about))
+    (path,) = results.score_files.parts("x").keys() - before
+    return path
+
+
+def rows_of(clip: str, *values: float | None) -> Rows:
+    return scores((clip, 0, step, "psnr", value) for step, value in enumerate(values, 1))
+
+
+def test_rows_come_back_in_the_order_of_clips_and_undefined_is_null(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {}, {"view": 2.0}, 10.0))
-    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {"view": 1.0}, 11.0))
+    file_of(results, rows_of("b", 3.0, None), ("b",), "f", {}, {"view": 2.0}, 10.0)
+    file_of(results, rows_of("a", 1.0), ("a",), "f", {}, {"view": 1.0}, 11.0)
     assert values(results) == [1.0, 3.0, None]
-    assert [(part.index, part.clips, part.seconds) for part in results.parts("x")] == [
-        (0, ("a",), {"view": 1.0}),
-        (1, ("b",), {"view": 2.0}),
-    ]
+    seconds = {part.clips: part.seconds for part in results.parts("x")}
+    assert seconds == {("a",): {"view": 1.0}, ("b",): {"view": 2.0}}
 
 
-def test_parts_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
-    results = begun(tmp_path, fingerprint="new")
-    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, {}, 0.0))
-    results.write_part("x", rows(2.0), Part(1, ("b",), "new", {}, {}, 0.0))
-    whole = (tmp_path / "x/scores/part-00001.parquet").read_bytes()
-    (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
-    assert [part.index for part in results.parts("x")] == [1]
-    with pytest.raises(BadData, match=r"part-00002.parquet is damaged"):
-        results.scores("x")
-    assert [path.name for path in results.set_damaged_aside("x")] == ["part-00002.parquet"]
-    assert values(results) == [2.0]
-    assert (tmp_path / "x/scores/part-00002.parquet.damaged").exists()
-
-
-def test_rows_that_no_memory_can_hold_as_an_array_are_refused(tmp_path: Path) -> None:
+def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part(
-        "x", scores([("a", 2**20, 1, "psnr", 1.0)]), Part(0, ("a",), "f", {}, {}, 0.0)
-    )
-    assert values(results) == [1.0]
-    results.write_part(
-        "x", scores([("b", 0, 2**10, "psnr", 1.0)]), Part(1, ("b",), "f", {}, {}, 0.0)
-    )
-    with pytest.raises(BadData, match="1048577 samples"):
+    file_of(results, scores([(c, 0, 1, "psnr", 1.0) for c in "acb"]), ("a", "c", "b"), "f", {},
+            {"view": 3.0}, 1.0)  # fmt: skip
+    file_of(results, rows_of("a", 2.0), ("a",), "f", {}, {"view": 1.0}, 1.0)
+    for _ in range(2):
+        assert values(results) == [2.0, 1.0]
+        assert sum(part.seconds["view"] for part in results.parts("x")) == pytest.approx(2.0)
+        assert sorted(clip for part in results.parts("x") for clip in part.clips) == ["a", "b"]
+        results.merge("x")
+    assert len(list((tmp_path / "x/scores").iterdir())) == 1
+    results.write_protocol({"cells": ["x"], "clips": ["c"]})
+    assert values(results) == [1.0]  # clips that are not wanted now are still stored
+
+
+def test_scores_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
+    results = begun(tmp_path, fingerprint="new")
+    file_of(results, rows_of("a", 1.0), ("a",), "old", {}, {}, 0.0)
+    cut = file_of(results, rows_of("b", 2.0), ("b",), "new", {}, {}, 0.0)
+    other = file_of(results, rows_of("a", 3.0), ("a",), "new", {}, {}, 0.0)
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    with pytest.raises(BadData, match=rf"{cut.name} is damaged"):
         results.scores("x")
+    assert results.set_damaged_aside("x") == [cut]
+    assert values(results) == [3.0]
+    assert cut.with_name(f"{cut.name}.damaged").exists()
+    assert other.exists()
+
+
+def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
+    results, reader = begun(tmp_path), Results(tmp_path)
+    for clip_name in "ab":
+        file_of(results, rows_of(clip_name, 1.0), (clip_name,), "f", {}, {}, 0.0)
+    read, merges = reader.score_files.rows, [results.merge]
+
+    def rows_after_merge(stored: Any) -> Rows:
+        while merges:
+            merges.pop()("x")
+        return read(stored)
+
+    reader.score_files.rows = rows_after_merge  # type: ignore[method-assign]
+    assert values(reader) == [1.0, 1.0]
 
 
 def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path: Path) -> None:
     about = Part(
-        0,
         ("it's",),
         "f",
         {"m'": {"a": "'"}},
@@ -151,11 +173,11 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
     results, before = begun(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
-        with pytest.raises(OSError, match="Could not write"):
-            results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+        with pytest.raises(OSError, match="File too large"):
+            results.write_part("x", rows(1.0), Part(("a",), "f", {}, {}, 0.0))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    results.write_part("x", rows(1.0), Part(("a",), "f", {}, {}, 0.0))
     assert values(results) == [1.0]
 
 
@@ -192,10 +214,10 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
 
 def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
-    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, {}, 0.0))
+    results.write_part("x", rows(1.0), Part(("a",), "old", {}, {}, 0.0))
     results.swap("x", "old", "new")
     assert not (tmp_path / "x").exists()
-    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(0, ("a",), "new", {}, {}, 0.0))
+    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(("a",), "new", {}, {}, 0.0))
     assert values(results.with_rows_of("x", "new")) == [2.0, 3.0]
     assert results.set_aside() == {tmp_path / "earlier/old/x"}
     assert results.with_rows_of("x", "old").root == tmp_path / "earlier/old"
@@ -250,8 +272,8 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_part_is_noticed(damage: str, tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(0, ("a",), "f", {}, {}, 0.0))
-    path = tmp_path / "x/scores/part-00000.parquet"
+    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(("a",), "f", {}, {}, 0.0))
+    (path,) = (tmp_path / "x/scores").iterdir()
     content = path.read_bytes()
     path.write_bytes(DAMAGES[damage](content))
     with pytest.raises(BadData, match="is damaged"):
@@ -260,67 +282,12 @@ def test_a_damaged_part_is_noticed(damage: str, tmp_path: Path) -> None:
     assert len(results.scores("x")) == 200
 
 
-@pytest.mark.parametrize(
-    "columns",
-    [
-        "NULL::VARCHAR AS clip",
-        "NULL AS step",
-        "-1 AS sample",
-        "0 AS step",
-        "4294967296 AS step",
-        "'much' AS value",
-        "repeat('b', 1001) AS metric",
-    ],
-)
-def test_impossible_rows_are_refused(columns: str, tmp_path: Path) -> None:
-    path = tmp_path / "part-00000.parquet"
-    row = "SELECT 'b' AS clip, 0 AS sample, 1 AS step, 'psnr' AS metric, 2.0 AS value"
-    duckdb.sql(f"COPY (SELECT * REPLACE ({columns}) FROM ({row})) TO '{path}' (FORMAT parquet)")
-    with pytest.raises(BadData, match=r"part-00000.parquet is no part of results"):
-        part_files.rows(path)
-
-
-def test_more_rows_than_fit_into_one_block_come_back_and_too_many_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(part_files, "ROWS_AT_ONCE", 100)
-    results = begun(tmp_path)
-    results.write_part("x", rows(*np.arange(250.0)), Part(0, ("a",), "f", {}, {}, 0.0))
-    assert values(results) == [*np.arange(250.0)]
-    monkeypatch.setattr(part_files, "LIMIT_ROWS", 50)
-    with pytest.raises(BadData, match="more than 50 rows"):
-        results.scores("x")
-
-
 def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:
     results = begun(tmp_path)
     failures = {"b": ("failed", "no features", "trace")}
     for index, name in enumerate("ab"):
         facts = {name: {"yaw_deg": float(index)}}
-        part = Part(index, (name,), "f", {}, {}, 0.0, failures=failures, facts=facts)
-        results.write_part("x", rows(1.0), part)
+        part = Part((name,), "f", {}, {}, 0.0, failures=failures, facts=facts)
+        results.write_part("x", rows_of(name, 1.0), part)
     assert results.failures("x") == {"b": "no features"}
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}
-    results.remove_part("x", 0)
-    assert [part.index for part in results.parts("x")] == [1]
-
-
-def file_of_the_database() -> int:
-    with part_files._database() as (_, file, _):
-        return os.fstat(file.fileno()).st_ino
-
-
-def test_a_fork_writes_parts_into_a_file_of_its_own() -> None:
-    own = file_of_the_database()
-    with multiprocessing.get_context("fork").Pool(1) as pool:
-        assert pool.apply(file_of_the_database) != own
-    assert file_of_the_database() == own
-
-
-def test_the_database_reads_no_other_file(tmp_path: Path) -> None:
-    (tmp_path / "secret.csv").write_text("1")
-    with (
-        pytest.raises(GeovpError, match="refuses a file"),
-        part_files._database() as (database, _, _),
-    ):
-        database.execute(f"SELECT * FROM read_csv('{tmp_path}/secret.csv')")

@@ -188,7 +188,7 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
         ("y", 0, 1, "psnr", 41.0),
         ("y", 0, 1, "lpips", 0.02),
     ]
-    results.write_part("crossed", scores(best), Part(0, ("x", "y"), "f", {}, {}, 0.0))
+    results.write_part("crossed", scores(best), Part(("x", "y"), "f", {}, {}, 0.0))
     rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
     assert rows["GT 3D Pose + SynSin"] == [
         "40.500 ± 0.500",

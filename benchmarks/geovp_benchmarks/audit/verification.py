@@ -211,7 +211,6 @@ def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> 
         task = Task(
             matrix=built.matrix.to_json(),
             root=folder,
-            chunk=0,
             clips={clips.index(stored.clip): stored.clip},
             cells=built.matrix.methods,
             fingerprints={name: stored.cell.fingerprint},

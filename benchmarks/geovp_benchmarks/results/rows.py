@@ -28,6 +28,14 @@ class Categorical:
         return cls(tuple(known), np.fromiter(map(known.__getitem__, column), np.int32, len(column)))
 
     @classmethod
+    def coded(cls, names: Sequence[str], codes: IntArray) -> Categorical:
+        """Return the column of indices into distinct names, of which not all need occur."""
+        present = np.flatnonzero(np.bincount(codes, minlength=len(names)))
+        renumbered = np.zeros(len(names), np.int32)
+        renumbered[present] = np.arange(len(present))
+        return cls(tuple(names[code] for code in present.tolist()), renumbered[codes])
+
+    @classmethod
     def concatenated(cls, columns: Sequence[Categorical]) -> Categorical:
         """One column after the other."""
         known = {
@@ -50,7 +58,7 @@ class Categorical:
         """Whether the name of each row [R] is wanted."""
         return np.array([name in wanted for name in self.categories], dtype=bool)[self.codes]
 
-    def __getitem__(self, chosen: BoolArray) -> Categorical:
+    def __getitem__(self, chosen: BoolArray | IntArray) -> Categorical:
         found, numbers = np.unique(self.codes[chosen], return_inverse=True)
         return Categorical(tuple(self.categories[n] for n in found), numbers)
 
@@ -111,8 +119,8 @@ class Rows:
         """The rows of some metrics."""
         return self.where(self.metric.among(metrics))
 
-    def where(self, chosen: BoolArray) -> Rows:
-        """The rows of a mask [R]."""
+    def where(self, chosen: BoolArray | IntArray) -> Rows:
+        """Return the rows of a mask [R] or of indices."""
         return Rows(*(getattr(self, field.name)[chosen] for field in dataclasses.fields(self)))
 
     def lines(self) -> Iterator[tuple[str, int, int, str, float]]:

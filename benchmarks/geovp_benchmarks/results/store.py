@@ -6,7 +6,7 @@ loses nothing.
     depths where known
     <root>/<cell>/cell.json               components, privileged inputs, status, seconds per stage,
     peak memory; see Cell
-    <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see Rows
+    <root>/<cell>/scores/part-<hash>.parquet  one row per clip, sample, step and metric; see Rows
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with
     these
@@ -14,24 +14,28 @@ loses nothing.
     <root>/datasets.json                  of several data sets: their labels, each with a folder
     <root>/<label> as above
 
-Every file is written beside its place and renamed into it, and has a checksum: npz files zip's, the
-others one of their own. A part holds all rows of its clips or does not exist, and holds in its
-metadata the clips, the fingerprint, the code hash, the times and the peak memory.
+Files are written next to their destination and renamed. Scores are stored by clip name, in one
+file per task until a run ends; the name of a score file holds a hash of its content.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import quote, unquote
 
-from geovp_benchmarks.results import kept_files, part_files, record_files
-from geovp_benchmarks.results.part_files import Part
+import duckdb
+from filelock import FileLock, Timeout
+
+from geovp_benchmarks.results import kept_files, record_files
 from geovp_benchmarks.results.record_files import Cell
 from geovp_benchmarks.results.rows import Rows
+from geovp_benchmarks.results.score_files import Part, ScoreFiles, Stored, newest
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
@@ -40,9 +44,12 @@ from geovp_classic.types import Clip, Prediction
 __all__ = ["EARLIER", "NOT_CELLS", "Cell", "Part", "Results", "Rows", "check_clip_name"]
 
 EARLIER = "earlier"
-LIMIT_VALUES = 2**26  # of one metric: clips times samples times steps, 0.5 GB in memory
 MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
-NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
+NOT_CELLS = ("clips", "scores", "tables", "plots", "recordings", EARLIER)
+
+
+MAX_TRIES = 5  # to read files that a run is merging
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -87,23 +94,21 @@ class Results:
         path = self.root / name / "cell.json"
         return record_files.cell(path) if path.exists() else None
 
+    @cached_property
+    def score_files(self) -> ScoreFiles:
+        """The score files of all methods, opened once."""
+        return ScoreFiles(self.root)
+
     def scores(self, cell: str) -> Rows:
-        """The rows of one cell; BadData when a part is damaged."""
-        found = self._read_parts(cell)
-        damaged = [path for path, part in found.items() if part is None]
-        if damaged:
+        """The rows of one cell; BadData when a score file is damaged."""
+        return self._reread(lambda: self._scores(cell))
+
+    def _scores(self, cell: str) -> Rows:
+        if damaged := self.damaged_parts(cell):
             raise BadData(
                 f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
             )
-        rows = Rows.concatenated([*map(part_files.rows, found)])
-        clips, samples, steps = rows.extent
-        if clips * samples * steps > LIMIT_VALUES:
-            extent = f"{clips} clips, {samples} samples and {steps} steps"
-            raise BadData(
-                f"{self.root / cell} has rows of {extent}, which no run has: remove it and run "
-                "again"
-            )
-        return rows
+        return self.score_files.rows(self._stored(cell))
 
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of
@@ -115,10 +120,10 @@ class Results:
             for clip, (_, reason, _) in part.failures.items()
         }
 
-    def clip_facts(self) -> dict[str, Mapping[str, float]]:
+    def clip_facts(self) -> dict[str, dict[str, float]]:
         """What is known of the clips themselves: numbers by name, by clip."""
-        parts = (part for cell in self.cells() for part in self.parts(cell.name))
-        return {clip: facts for part in parts for clip, facts in part.facts.items()}
+        names = [cell.name for cell in self.cells()]
+        return self._reread(lambda: self.score_files.facts(names))
 
     def predictions(self, cell: str) -> list[tuple[str, Path]]:
         """(clip name, file) of the predictions that were kept of one cell."""
@@ -141,27 +146,33 @@ class Results:
         return kept_files.read_clip(self.root / "clips" / _file(name), name)
 
     def parts(self, cell: str) -> list[Part]:
-        """The parts on disk that belong to the cell as it is now, by index; an unreadable file
-        counts as absent.
-        """
-        return [part for part in self._read_parts(cell).values() if part]
+        """How the clips of the cell as it is now were scored; a damaged file counts as absent."""
+        stored = self._reread(lambda: self._stored(cell))
+        return [part for parts in stored.parts.values() for part in parts]
 
     def damaged_parts(self, cell: str) -> list[Path]:
-        """The part files that are not as they were written."""
-        return [path for path, part in self._read_parts(cell).items() if part is None]
+        """The score files that are not as they were written."""
+        stored = self._reread(lambda: self.score_files.parts(cell))
+        return [path for path, parts in stored.items() if parts is None]
 
-    def _read_parts(self, cell: str) -> dict[Path, Part | None]:
-        """The parts of the cell as it is now by file, None for a file that is damaged."""
-        now = self.cell(cell)
-        found = {
-            path: part_files.read(path)
-            for path in sorted((self.root / cell / "scores").glob("part-*.parquet"))
+    def _stored(self, cell: str, *, only_wanted: bool = True) -> Stored:
+        """The newest scores of the protocol's clips; without a protocol, of all clips."""
+        now, clips = self.cell(cell), None
+        if only_wanted and self.begun:
+            clips = record_files.protocol(self.root / "protocol.json").get("clips")
+        fingerprint = None if now is None else now.fingerprint
+        fitting = {
+            path: [part for part in parts or () if part.fingerprint == fingerprint]
+            for path, parts in self.score_files.parts(cell).items()
         }
-        return {
-            path: part
-            for path, part in found.items()
-            if not part or (now and part.fingerprint == now.fingerprint)
-        }
+        return newest(fitting, clips)
+
+    def _reread(self, read: Callable[[], T]) -> T:
+        """Return what is read, again where a run has merged files meanwhile."""
+        for _ in range(MAX_TRIES - 1):
+            with suppress(FileNotFoundError, duckdb.IOException):
+                return read()
+        return read()
 
     @property
     def tables(self) -> Path:
@@ -201,7 +212,21 @@ class Results:
 
     def write_part(self, cell: str, rows: Rows, part: Part) -> None:
         """Write all rows of the part's clips at once."""
-        part_files.write(self._part(cell, part.index), rows, part)
+        self.score_files.write(cell, rows, part)
+
+    def merge(self, cell: str) -> None:
+        """Merge the score files of a method into one; scores of clips no longer wanted stay."""
+        with suppress(Timeout, NotImplementedError), FileLock(self.root / ".merge.lock", timeout=0):
+            # A file that another run writes from here on is not removed.
+            stored = self.score_files.parts(cell)
+            folder = self.root / cell / "scores"  # a file that methods share stays
+            sound = [
+                path
+                for path, parts in stored.items()
+                if parts is not None and path.parent == folder
+            ]
+            if len(sound) > 1:
+                self.score_files.merge(cell, self._stored(cell, only_wanted=False), sound)
 
     def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
@@ -267,16 +292,9 @@ class Results:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
 
-    def remove_part(self, cell: str, index: int) -> None:
-        """Remove a part that is stale."""
-        self._part(cell, index).unlink(missing_ok=True)
-
     def remove_cell(self, cell: str) -> None:
         """Remove a cell with all its rows and predictions."""
         shutil.rmtree(self.root / cell, ignore_errors=True)
-
-    def _part(self, cell: str, index: int) -> Path:
-        return self.root / cell / "scores" / f"part-{index:05d}.parquet"
 
 
 def _file(clip: str) -> str:

@@ -1,4 +1,4 @@
-"""The built components of a matrix, and the tasks that compute chunks of clips with them in any
+"""The built components of a matrix, and the tasks that compute clips with them in any
 process.
 """
 
@@ -62,11 +62,10 @@ class BuiltMatrix:
 
 @dataclass(frozen=True)
 class Task:
-    """A chunk of clips and the cells that lack it; plain data, so that it can travel."""
+    """Clips and the cells that lack them; plain data, so that it can travel."""
 
     matrix: str  # Matrix.to_json
     root: str
-    chunk: int
     clips: Mapping[int, str]  # number in the data set -> name
     cells: tuple[MethodPlan, ...]
     fingerprints: Mapping[str, str]
@@ -175,7 +174,6 @@ def compute(task: Task) -> TaskResult:
             continue
         peak_mb = output.profiler.peak_without("metrics")  # they take the same memory in all cells
         part = Part(
-            index=task.chunk,
             clips=tuple(task.clips.values()),
             fingerprint=task.fingerprints[name],
             metrics=specs,

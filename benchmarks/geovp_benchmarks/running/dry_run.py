@@ -92,8 +92,7 @@ def _row(plan: Plan, cell: MethodPlan) -> RowPlan:
     source = plan.results.with_rows_of(cell.name, record["fingerprint"])
     clips = {clip for clip, _ in plan.results.with_clips_of(plan.shared).clips()}
     kept = {clip for clip, _ in source.predictions(cell.name)} & clips
-    missing, _ = lacking(plan, source.parts(cell.name), kept, plan.built.code(cell))
-    todo = frozenset(clip for index in missing for clip in plan.chunks[index].values())
+    todo = lacking(plan, source.parts(cell.name), kept, plan.built.code(cell))
     return RowPlan(
         cell, todo, len(plan.clips) - len(todo), cost=_cost(source, cell.name, is_stored=True)
     )

@@ -1,12 +1,10 @@
-"""One protocol at a time fills a results folder, and what killed processes left half written in it
-is removed.
+"""One protocol at a time fills a results folder; scratch files of killed processes are removed.
 
-The file `.lock` is locked in two places: byte 0 for as long as somebody looks who else is there,
-byte 1, shared, for as long as a run lasts. A lock ends with its process, however that ends.
+A run holds a lock file named after its protocol for as long as it lasts. Runs of the same protocol
+may fill a folder together. A lock ends with its process, however that ends.
 """
 
 import contextlib
-import fcntl
 import os
 import re
 import shutil
@@ -14,69 +12,66 @@ import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from geovp_classic.errors import BadData, GeovpError
+from filelock import FileLock, Timeout
 
-LOCK = ".lock"
-GUARD, RUN = 0, 1  # bytes of it
+from geovp_benchmarks.results.provenance import content_hash
+from geovp_classic.errors import BadData
+
 _SCRATCH = re.compile(r"\..+\.(\d+)\.part")  # as `atomic_write` calls them
 Claim = Callable[[str], None]
 
 
 def unclaimed(protocol: str) -> None:
-    """A claim of a folder in which nothing is written, or that nobody else fills."""
+    """Claim a folder in which nothing is written, or that nobody else fills."""
 
 
 @contextlib.contextmanager
 def results_lock(root: Path) -> Iterator[Claim]:
-    """A function that claims a results folder for a protocol; BadData when a run of another one is
-    filling it.
+    """Yield a function that claims a results folder for a protocol.
+
+    The claim raises BadData while a run of another protocol fills the folder.
     """
-    is_new = not root.exists()
+    with contextlib.ExitStack() as held:
+        yield lambda protocol: _claim(root, protocol, held)
+
+
+def _claim(root: Path, protocol: str, held: contextlib.ExitStack) -> None:
+    owner = f"process {os.getpid()} on {socket.gethostname()}"
+    key = content_hash(protocol)[:16]
+    own = root / f".run-{key} {owner}.lock"
     try:
         root.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(
-            root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666
-        )
+        with FileLock(root / ".lock"):
+            others = [path for path in root.glob(".run-*.lock") if path != own and _is_held(path)]
+            for path in others:
+                held_protocol, _, other = path.stem.removeprefix(".run-").partition(" ")
+                if held_protocol != key:
+                    raise BadData(
+                        f"{root} is in use by {other} with another protocol or other methods: "
+                        "wait until it has ended, or give another folder with --out"
+                    )
+            if not others:
+                sweep(root)
+            held.callback(own.unlink, missing_ok=True)
+            with contextlib.suppress(Timeout):  # this process holds it already
+                held.enter_context(FileLock(own, timeout=0))
+    except NotImplementedError:  # a file system without locks
+        return
     except OSError as error:
         raise BadData(
             f"{root} cannot be a results folder ({error.strerror}): give a folder that can be "
             "written with --out"
         ) from error
-    with open(descriptor, "r+", encoding="utf-8") as file:
-        try:
-            yield lambda protocol: _claim(root, file.fileno(), protocol)
-        except GeovpError:
-            if (
-                is_new and os.listdir(root) == [LOCK] and not os.fstat(file.fileno()).st_size
-            ):  # nobody claimed it
-                os.unlink(root / LOCK)
-                os.rmdir(root)
-            raise
 
 
-def _claim(root: Path, descriptor: int, protocol: str) -> None:
-    with contextlib.suppress(OSError):  # a file system without locks
-        fcntl.lockf(descriptor, fcntl.LOCK_EX, 1, GUARD)
+def _is_held(path: Path) -> bool:
+    """Return whether a process holds a lock file; remove the file if none does."""
     try:
-        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, RUN)
-    except (BlockingIOError, PermissionError):
-        found, _, owner = os.pread(descriptor, 4096, 0).decode(errors="replace").partition("\n")
-        if found != protocol:
-            raise BadData(
-                f"{root} is in use by {owner.strip() or 'another run'} with another "
-                "protocol or other methods: wait until it has ended, or give another folder with "
-                "--out"
-            ) from None
-    except OSError:
-        return
-    else:  # nobody else is here
-        os.ftruncate(descriptor, 0)
-        os.pwrite(
-            descriptor, f"{protocol}\nprocess {os.getpid()} on {socket.gethostname()}\n".encode(), 0
-        )
-        sweep(root)
-    fcntl.lockf(descriptor, fcntl.LOCK_SH, 1, RUN)
-    fcntl.lockf(descriptor, fcntl.LOCK_UN, 1, GUARD)
+        with FileLock(path, timeout=0):
+            path.unlink(missing_ok=True)
+    except Timeout:
+        return True
+    return False
 
 
 def sweep(root: Path) -> None:

@@ -17,9 +17,9 @@ from geovp_benchmarks.running.selection import Selection
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 
-CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
-NOT_HASHED = ("with_full", "with_right")  # follow from the components' needs
+# Views follow from the components' needs, and clips are stored by name.
+NOT_HASHED = ("with_full", "with_right", "stride")
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Options:
     )
     fresh: bool = False  # recompute what another version of the code computed
     claim: Claim = unclaimed  # called before anything is written, see `locking`
+    clips_per_task: int = 2
 
 
 @dataclass(frozen=True)
@@ -46,19 +47,12 @@ class Plan:
     shared: str  # the protocol's part of all fingerprints
     fresh: bool = False  # recompute what another version of the code computed
     selection: Selection | None = None  # the kept clips, where they were not just spread
+    clips_per_task: int = 2
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The metrics that can be computed here."""
         return tuple(name for name in self.built.metrics.built if name not in self.unavailable)
-
-    @property
-    def chunks(self) -> list[dict[int, str]]:
-        """Clips by number, CLIPS_PER_PART at a time; the i-th chunk is stored as part i."""
-        numbered = list(enumerate(self.clips))
-        return [
-            dict(numbered[i : i + CLIPS_PER_PART]) for i in range(0, len(numbered), CLIPS_PER_PART)
-        ]
 
 
 def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
@@ -88,7 +82,17 @@ def look(matrix: Matrix, results: Results, options: Options) -> Plan:
     else:
         kept = spread(clips, len(clips) if options.keep is None else options.keep)
     unavailable = built.metrics.unavailable(matrix.size_px)
-    plan = Plan(built, results, clips, kept, unavailable, _shared(built), options.fresh, selection)
+    plan = Plan(
+        built,
+        results,
+        clips,
+        kept,
+        unavailable,
+        _shared(built),
+        options.fresh,
+        selection,
+        options.clips_per_task,
+    )
     before = results.protocol() if results.begun else {}
     is_same = before.get("fingerprint") == plan.shared
     if is_same and options.limit is not None and len(before["clips"]) > len(clips):
@@ -139,7 +143,7 @@ def _shared(built: BuiltMatrix) -> str:
     }
     if "root" in dataset:
         dataset["root"] = str(Path(dataset["root"]).resolve())
-    numbers = [matrix.num_past, matrix.num_future, matrix.stride, *matrix.size_px]
+    numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
     return content_hash({"dataset": dataset, "split": _split_hash(built), "numbers": numbers})
 
 

@@ -89,5 +89,5 @@ def _rescore_cell(
     )
     if tables:
         names, seconds = tuple(scored), profiler.seconds
-        part = Part(0, names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
+        part = Part(names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
         into.write_part(cell.name, Rows.concatenated(tables), part)

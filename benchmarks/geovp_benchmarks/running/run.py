@@ -1,5 +1,6 @@
 """Compute the missing and stale results of a matrix, however earlier runs ended."""
 
+import itertools
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
@@ -21,19 +22,16 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class _State:
-    """Chunks still to be computed of each cell that can be, and the cells' failures."""
+    """Clips still to be computed of each cell that can be, and the cells' failures."""
 
-    missing: dict[str, set[int]]  # cell -> chunks
-    failures: dict[str, tuple[int, Failure]] = field(
-        default_factory=dict
-    )  # cell -> of its first chunk that failed
+    missing: dict[str, set[str]]  # cell -> clips
+    # cell -> the index of its first clip that failed, and why
+    failures: dict[str, tuple[int, Failure]] = field(default_factory=dict)
 
-    def left(self, chunks: list[dict[int, str]]) -> int:
+    @property
+    def num_left(self) -> int:
         """Clips times cells that are still to be done."""
-        open_cells = (
-            indices for name, indices in self.missing.items() if name not in self.failures
-        )
-        return sum(len(chunks[index]) for indices in open_cells for index in indices)
+        return sum(len(clips) for name, clips in self.missing.items() if name not in self.failures)
 
 
 def run(
@@ -53,19 +51,18 @@ def run(
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
     state = _State(
         {
-            name: _missing(plan, name, record["code"])
+            name: set(_missing(plan, name, record["code"]))
             for name, record in records.items()
             if "code" in record
         }
     )
-    chunks = plan.chunks
-    total = state.left(chunks)
+    total = state.num_left
     progress(0, total)
     announce("first prediction: reading a clip, loading or compiling code")
     try:
         for result in executor.map(compute, _tasks(plan, state, records)):
             _update(result, state)
-            progress(total - state.left(chunks), total)
+            progress(total - state.num_left, total)
             clips = ", ".join(result.task.clips.values())
             announce(f"after {clips}")  # other processes do not say what they do
             logger.info("clips %s: done", clips)
@@ -139,74 +136,64 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
         )
 
 
-def _missing(plan: Plan, name: str, code: str) -> set[int]:
-    """The chunks that a cell lacks; parts that no longer fit are removed, those of other code only
-    with `fresh`.
-    """
-    kept = {clip for clip, _ in plan.results.predictions(name)} & {
-        clip for clip, _ in plan.results.clips()
-    }
-    missing, unfit = lacking(plan, plan.results.parts(name), kept, code)
-    for part in unfit:
-        plan.results.remove_part(name, part.index)
-    return missing
+def _missing(plan: Plan, name: str, code: str) -> frozenset[str]:
+    """The clips that a cell lacks."""
+    results = plan.results
+    kept = {clip for clip, _ in results.predictions(name)} & {clip for clip, _ in results.clips()}
+    return lacking(plan, results.parts(name), kept, code)
 
 
-def lacking(
-    plan: Plan, parts: Iterable[Part], kept: Set[str], code: str
-) -> tuple[set[int], list[Part]]:
-    """The chunks that a cell with these parts and kept clips lacks, and the parts that no longer
-    fit.
+def lacking(plan: Plan, parts: Iterable[Part], kept: Set[str], code: str) -> frozenset[str]:
+    """The clips that a cell with these parts and kept clips lacks.
+
+    Clips of other code are missing only with `fresh`.
     """
-    chunks = plan.chunks
     specs = plan.built.metrics.describe(plan.columns)
-    missing, unfit = set(range(len(chunks))), []
+    stored: set[str] = set()
     for part in parts:
-        fits = part.index < len(chunks) and part.clips == tuple(chunks[part.index].values())
-        if not fits or (plan.fresh and part.code != code):
-            unfit.append(part)
-            continue
-        measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
-        broken = any(
-            status == "failed" for status, *_ in part.failures.values()
-        )  # may have been mended
-        if measured and not broken and plan.kept.intersection(part.clips) <= kept:
-            missing.discard(part.index)
-    return missing, unfit
+        is_measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
+        if is_measured and not (plan.fresh and part.code != code):
+            broken = {clip for clip, (status, *_) in part.failures.items() if status == "failed"}
+            stored |= set(part.clips) - broken
+    return frozenset(plan.clips) - (stored - (plan.kept - kept))
 
 
 def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) -> Iterator[Task]:
-    """A task per chunk, without the cells that have failed by then."""
+    """Tasks of clips that the same cells lack, without the cells that have failed by then."""
     matrix = plan.built.matrix
-    for index, clips in enumerate(plan.chunks):
-        cells = [cell for cell in matrix.methods if index in state.missing.get(cell.name, ())]
-        cells = [cell for cell in cells if cell.name not in state.failures]
-        if cells:
-            fingerprints = {cell.name: str(records[cell.name]["fingerprint"]) for cell in cells}
-            yield Task(
-                matrix=matrix.to_json(),
-                root=str(plan.results.root),
-                chunk=index,
-                clips=clips,
-                cells=tuple(cells),
-                fingerprints=fingerprints,
-                columns=plan.columns,
-                kept=plan.kept,
-            )
+    lacked_by = {
+        clip: tuple(name for name, missing in state.missing.items() if clip in missing)
+        for clip in plan.clips
+    }
+    numbered = [(index, clip) for index, clip in enumerate(plan.clips) if lacked_by[clip]]
+    for names, group in itertools.groupby(numbered, lambda entry: lacked_by[entry[1]]):
+        while clips := list(itertools.islice(group, plan.clips_per_task)):
+            left = set(names) - state.failures.keys()
+            if left:
+                yield Task(
+                    matrix=matrix.to_json(),
+                    root=str(plan.results.root),
+                    clips=dict(clips),
+                    cells=tuple(cell for cell in matrix.methods if cell.name in left),
+                    fingerprints={name: str(records[name]["fingerprint"]) for name in left},
+                    columns=plan.columns,
+                    kept=plan.kept,
+                )
 
 
 def _update(result: TaskResult, state: _State) -> None:
-    """Update the missing chunks; of several failures of a cell the first chunk's is kept."""
-    index = result.task.chunk
+    """Update the missing clips; of several failures of a cell the first clip's is kept."""
+    index = min(result.task.clips)
     for cell in result.task.cells:
         failure = result.failures.get(cell.name)
         if failure is None:
-            state.missing[cell.name].discard(index)
+            state.missing[cell.name].difference_update(result.task.clips.values())
         elif cell.name not in state.failures or index < state.failures[cell.name][0]:
             state.failures[cell.name] = (index, failure)
 
 
 def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
+    plan.results.merge(name)
     verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
     if name in state.failures:
         failure = state.failures[name][1]

@@ -152,7 +152,7 @@ def fill(root: Path) -> Path:
     for name, (_, _, status, _, _, _) in CELLS.items():
         results.write_cell(name, record(name))
         if status in ("done", "partial"):
-            results.write_part(name, rows(name), Part(0, CLIPS, "f", {}, {}, 1.0))
+            results.write_part(name, rows(name), Part(CLIPS, "f", {}, {}, 1.0))
             keep(results, name)
     return root
 
