@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.cli import main
-from geovp_benchmarks.plots.corruption import corruption_figure
 from geovp_benchmarks.studies.corruption import NUM_PAST, corrupted, gains_db
+from geovp_benchmarks.studies.corruption.figure import corruption_figure
 from geovp_benchmarks.studies.corruption.kinds import CORRUPTIONS, NUM_SEVERITIES
 from geovp_classic import registry
 from geovp_classic.types import Clip, PrivilegedInput

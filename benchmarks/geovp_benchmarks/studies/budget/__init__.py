@@ -25,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The tables and the paths of the figures; BadData for a row that has no stages."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.plots import budget as figures
-    from geovp_benchmarks.studies.budget import stages
+    from geovp_benchmarks.studies.budget import figures, stages
     from geovp_benchmarks.studies.budget.scores import Subject
 
     subject = Subject.read(

@@ -125,7 +125,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     lowest = np.nanmin(values)
     yield f"{num_below} of {values.size} below -{LIMIT_DB} dB, the lowest {lowest:.1f} dB"
     if chosen.plot is not None:
-        from geovp_benchmarks.plots.corruption import corruption_figure
+        from geovp_benchmarks.studies.corruption.figure import corruption_figure
 
         pairs = [(source, renderer) for source, renderer in (name.split() for name in methods)]
         corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)

@@ -142,7 +142,7 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     )
     scores = evaluation.evaluate(windows, rows, corruption, progress)
     if chosen.plot is not None:
-        from geovp_benchmarks.plots.reliability import reliability_figure
+        from geovp_benchmarks.studies.forecasting.reliability import reliability_figure
 
         reliability_figure(scores).savefig(chosen.plot, bbox_inches="tight")
     if chosen.json:
