@@ -33,7 +33,7 @@ class Material:
     results: Results
     protocol: Mapping[str, Any]
     cells: Sequence[Cell]  # with rows
-    rows: Mapping[str, Rows]  # by cell
+    rows: Mapping[str, Rows]  # by method
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
     @classmethod
@@ -41,9 +41,9 @@ class Material:
         """Read everything but images; raise BadData without results or without a named method."""
         protocol = results.protocol()
         cells = choice.cells(results.cells())
-        ran = [cell for cell in cells if cell.status in ("done", "partial")]
-        rows = {cell.name: results.scores(cell.name) for cell in ran}
-        cells = [cell for cell in ran if len(rows[cell.name])]
+        ran = [method for method in cells if method.status in ("done", "partial")]
+        rows = {method.name: results.scores(method.name) for method in ran}
+        cells = [method for method in ran if len(rows[method.name])]
         return cls(results, protocol, cells, rows, _step_s(results, protocol["num_past"]))
 
     @property

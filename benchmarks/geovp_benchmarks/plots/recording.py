@@ -23,9 +23,9 @@ def read(
     if name not in clips:
         raise BadData(f"no clip {name!r} is kept in {results.root}{registry.nearest(name, clips)}")
     names = {
-        cell.label: cell.name
-        for cell in results.cells()
-        if name in dict(results.predictions(cell.name))
+        method.label: method.name
+        for method in results.cells()
+        if name in dict(results.predictions(method.name))
     }
     for method in methods:
         if method not in names:

@@ -81,11 +81,11 @@ def confidences(results: Results) -> tuple[str, list[confidence.Ranking]]:
     return "", []
 
 
-def settings_as_toml(cell: Cell) -> str:
+def settings_as_toml(method: Cell) -> str:
     """Format the resolved components as they stand in a matrix file."""
     blocks = []
-    for role, settings in cell.components.items():
-        name = cell.record.get(role) or cell.name
+    for role, settings in method.components.items():
+        name = method.record.get(role) or method.name
         lines = [
             f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in flat(settings)
         ]
@@ -93,6 +93,6 @@ def settings_as_toml(cell: Cell) -> str:
     return "\n\n".join(blocks)
 
 
-def privileged_inputs(cell: Cell) -> str:
+def privileged_inputs(method: Cell) -> str:
     """Name the privileged inputs of a method."""
-    return ", ".join(MARKS[name][1] for name in cell.privileged_inputs) or "none"
+    return ", ".join(MARKS[name][1] for name in method.privileged_inputs) or "none"

@@ -68,16 +68,16 @@ def encode_mask(covered: BoolArray, width_px: int = 208) -> bytes:
 def _films(material: Material, name: str) -> list[Film]:
     clip, past = material.results.clip(name), material.protocol["num_past"]
     films = [_film("ground truth", [], clip.frames[past - 1 :])]
-    for cell in material.cells:
-        if name not in dict(material.results.predictions(cell.name)):
+    for method in material.cells:
+        if name not in dict(material.results.predictions(method.name)):
             continue
-        prediction = material.results.prediction(cell.name, name)
+        prediction = material.results.prediction(method.name, name)
         frames = np.concatenate([clip.frames[past - 1 : past], prediction.frames[0]])
         covered = None
         if prediction.covered is not None and not prediction.covered[0].all():
             covered = np.pad(prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
-        notes = kept_clips.notes(material, cell, name, len(prediction.frames))
-        films.append(_film(cell.label, notes, frames, covered))
+        notes = kept_clips.notes(material, method, name, len(prediction.frames))
+        films.append(_film(method.label, notes, frames, covered))
     return films
 
 
