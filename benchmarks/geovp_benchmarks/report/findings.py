@@ -44,30 +44,30 @@ class Headline:
         unit = str(facts[column.key.partition("@")[0]].get("unit", ""))
         return cls(column, tuple(methods), clips, title(column.key), unit)
 
-    def best(self, baseline: str, *, is_privileged: bool) -> MethodScores | None:
-        """Return the best method other than the baseline with, or without, privileged inputs."""
+    def best(self, baseline: str, *, uses_truth: bool) -> MethodScores | None:
+        """Return the best method other than the baseline with, or without, ground truth."""
         methods = [row for row in self.methods if row.name != baseline]
-        return next((row for row in methods if bool(row.marks) == is_privileged), None)
+        return next((row for row in methods if _uses_truth(row) == uses_truth), None)
 
     def sentences(self, baseline: str) -> list[str]:
-        """State the best methods without and with privileged inputs, and a gain."""
+        """State the best methods without and with ground truth, and a gain."""
         if self.column is None:
             return []
-        best = self.best(baseline, is_privileged=False)
+        best = self.best(baseline, uses_truth=False)
         return [
-            self._best_sentence(best, "Without privileged inputs", baseline),
+            self._best_sentence(best, "Without ground truth", baseline),
             self._best_sentence(
-                self.best(baseline, is_privileged=True),
-                "With privileged inputs (ground truth)",
+                self.best(baseline, uses_truth=True),
+                "With ground truth (truth)",
                 baseline,
             ),
-            self._gain_sentence(best or self.best(baseline, is_privileged=True), baseline),
+            self._gain_sentence(best or self.best(baseline, uses_truth=True), baseline),
         ]
 
     @property
     def judge(self) -> MethodScores | None:
         """Return the method whose score orders the clips."""
-        return self.best("copy-last", is_privileged=False) or next(iter(self.methods), None)
+        return self.best("copy-last", uses_truth=False) or next(iter(self.methods), None)
 
     def score(self, clip: str) -> float:
         """Return the score of the judge on a clip, or NaN."""
@@ -79,7 +79,7 @@ class Headline:
         if row is None or self.column is None:
             return f"{condition}, no method has scores on all clips, {baseline} aside."
         inputs = ", ".join(meaning for mark, meaning in MARKS.values() if mark in row.marks)
-        condition = condition.replace("ground truth", inputs)
+        condition = condition.replace("(truth)", f"({inputs})")
         interval = row.intervals[self.column.key]
         return f"{condition}, {row.name} is best: {self.name} {self._text(interval)}."
 
@@ -105,3 +105,9 @@ class Headline:
         if not np.isfinite(interval.low):
             return f"{mean} (fewer than three clips: no interval)"
         return f"{mean} [{interval.low:{sign}.{digits}f}, {interval.high:{sign}.{digits}f}]"
+
+
+def _uses_truth(row: MethodScores) -> bool:
+    """Return whether a method has inputs that a calibrated camera does not give."""
+    calibration = {MARKS[name][0] for name in ("CAMERA_HEIGHT", "FULL_FRAMES", "RIGHT_FRAMES")}
+    return not set(row.marks) <= calibration

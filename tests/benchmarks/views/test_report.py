@@ -173,10 +173,10 @@ def test_the_findings_are_the_numbers(folder: Path) -> None:
     headline = findings.Headline.of(tables.build(results)[0], results.protocol())
     without, privileged, gain = headline.sentences("copy-last")
     assert without.startswith(
-        "Without privileged inputs, kalman + far, mean of 3 is best: PSNR 18.50 dB ["
+        "Without ground truth, kalman + far, mean of 3 is best: PSNR 18.50 dB ["
     )
     assert privileged.startswith(
-        "With privileged inputs (true past poses), gt + far is best: PSNR 17.50 dB ["
+        "With ground truth (true past poses), gt + far is best: PSNR 17.50 dB ["
     )
     assert "kalman + far, mean of 3 changes PSNR by +1.00 dB [+1.00, +1.00]" in gain
     assert "3 effective clips are too few" in gain
