@@ -132,11 +132,6 @@ def run(file: Path, keep: str, *more: str) -> list[object]:
     return ["run", file, "--out", file.parent / "out", "--keep", keep, *more]
 
 
-def chapters(file: Path) -> list[str]:
-    page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
-    return re.findall(r'<optgroup label="([^"]*)"', page)
-
-
 def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: Says) -> None:
     printed(*run(file, "worst:psnr:copy-last"))
     results = Results(file.parent / "out")
@@ -146,6 +141,6 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: 
     for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
         assert {clip for clip, _ in results.predictions(cell)} == set(worst)
         assert len(results.scores(cell).clip.categories) == 5
-    assert chapters(file) == ["worst PSNR of copy-last"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
-    assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst
+    assert "Clips were kept as worst PSNR of copy-last." in page
+    assert set(re.findall(r"<h3>(seed[^<]*)</h3>", page)) == set(worst)
