@@ -25,6 +25,15 @@ CLASSIC_LAYERS = [
     {"predictors"},
     {"api"},
 ]
+BENCHMARK_LAYERS = [
+    {"progress", "fitting"},
+    {"results"},
+    {"matrix", "analysis"},
+    {"arguments", "tables"},
+    {"plots", "running"},
+    {"report", "predict", "audit", "studies"},
+    {"cli"},
+]
 NEVER_IMPORTED = {
     "geovp_classic": {"torch", "lightning", "safetensors", "matplotlib"}
     | {"geovp_learned", "geovp_benchmarks"},
@@ -71,17 +80,19 @@ def test_import_names_are_file_paths() -> None:
     assert not FORBIDDEN_NAMES & {part for module in MODULES for part in module.split(".")}
 
 
-def test_imports_of_the_classical_package_point_downwards() -> None:
-    layer_of = {name: layer for layer, names in enumerate(CLASSIC_LAYERS) for name in names}
-    for module, imports in IMPORTS.items():
-        package, _, rest = module.partition(".")
-        importer = rest.partition(".")[0]
-        if package != "geovp_classic" or not importer:
-            continue
-        for imported in imports:
-            package, _, rest = imported.partition(".")
-            target = rest.partition(".")[0]
-            if package == "geovp_classic" and target != importer:
+@pytest.mark.parametrize(
+    ("package", "layers"),
+    [("geovp_classic", CLASSIC_LAYERS), ("geovp_benchmarks", BENCHMARK_LAYERS)],
+)
+def test_imports_of_a_package_point_downwards(package: str, layers: list[set[str]]) -> None:
+    layer_of = {name: layer for layer, names in enumerate(layers) for name in names}
+    inside = [module for module in MODULES if module.startswith(f"{package}.")]
+    assert {module.split(".")[1] for module in inside} == layer_of.keys()
+    for module in inside:
+        importer = module.split(".")[1]
+        for imported in IMPORTS[module]:
+            if imported.startswith(f"{package}.") and imported.split(".")[1] != importer:
+                target = imported.split(".")[1]
                 assert layer_of[target] < layer_of[importer], f"{module} imports {imported}"
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.arguments import positive
 
 Seconds = tuple[float, float]  # wall clock, and CPU time of all threads
 Result = TypeVar("Result")

@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.cli.arguments import add_settings, settings
+from geovp_benchmarks.arguments import add_settings, settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

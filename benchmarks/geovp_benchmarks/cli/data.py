@@ -5,7 +5,7 @@ import dataclasses
 import json
 from pathlib import Path
 
-from geovp_benchmarks.cli.arguments import add_json
+from geovp_benchmarks.arguments import add_json
 from geovp_benchmarks.progress import progress_bar, tracked
 
 

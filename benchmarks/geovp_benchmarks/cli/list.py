@@ -13,7 +13,7 @@ from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from geovp_benchmarks.cli.arguments import add_json, complete_with
+from geovp_benchmarks.arguments import add_json, complete_with
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.cli.arguments import add_choice, add_division, add_results_folder
+from geovp_benchmarks.arguments import add_choice, add_division, add_results_folder
 from geovp_benchmarks.progress import progress_bar
 
 

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.arguments import add_device, positive
+from geovp_benchmarks.arguments import add_device, positive
 from geovp_benchmarks.cli.messages import say
 from geovp_benchmarks.progress import progress_bar
 

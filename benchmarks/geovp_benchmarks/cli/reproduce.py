@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.arguments import add_device, positive
+from geovp_benchmarks.arguments import add_device, positive
 from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:

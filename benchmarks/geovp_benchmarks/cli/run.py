@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.arguments import add_device, add_matrix, positive
+from geovp_benchmarks.arguments import add_device, add_matrix, positive
 from geovp_benchmarks.cli.messages import say, width
 from geovp_benchmarks.progress import announce, progress_bar
 from geovp_classic.errors import BadData

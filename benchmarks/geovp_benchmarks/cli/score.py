@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from geovp_benchmarks.cli.arguments import add_device, add_json, add_results_folder
+from geovp_benchmarks.arguments import add_device, add_json, add_results_folder
 from geovp_benchmarks.cli.run import conclude
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.arguments import add_choice, add_division, add_json, add_results_folder
+from geovp_benchmarks.arguments import add_choice, add_division, add_json, add_results_folder
 from geovp_benchmarks.cli.messages import width
 from geovp_classic.errors import BadData
 

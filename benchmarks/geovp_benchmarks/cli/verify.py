@@ -5,7 +5,7 @@ writes nothing.
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.arguments import add_results_folder, at_least, positive
+from geovp_benchmarks.arguments import add_results_folder, at_least, positive
 from geovp_benchmarks.progress import progress_bar, tracked
 from geovp_classic.errors import BadData
 

@@ -7,7 +7,7 @@ It needs the extra `viz` (rerun): `pip install "geovp-classic[viz]"`.
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.arguments import add_results_folder
+from geovp_benchmarks.arguments import add_results_folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData

@@ -8,7 +8,7 @@ predicted.
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.arguments import add_results_folder
+from geovp_benchmarks.arguments import add_results_folder
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 

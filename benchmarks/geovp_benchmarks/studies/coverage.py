@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import FloatArray
 

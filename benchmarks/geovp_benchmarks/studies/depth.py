@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible

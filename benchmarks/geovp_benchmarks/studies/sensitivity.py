@@ -10,7 +10,7 @@ source is not. Nothing is random.
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.arguments import add_row
+from geovp_benchmarks.arguments import add_row
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import PrivilegedInput
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import add_results_folder
+from geovp_benchmarks.arguments import add_results_folder
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray

@@ -10,7 +10,7 @@ over clips with intervals from a block bootstrap. What the stages mean:
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.arguments import add_row
+from geovp_benchmarks.arguments import add_row
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import PrivilegedInput
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.cli.arguments import figure_file, positive
+from geovp_benchmarks.arguments import figure_file, positive
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs
 from geovp_benchmarks.studies.corruption.kinds import (

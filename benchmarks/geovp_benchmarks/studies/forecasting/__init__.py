@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
-from geovp_benchmarks.cli.arguments import add_json, figure_file
+from geovp_benchmarks.arguments import add_json, figure_file
 from geovp_benchmarks.progress import Progress
 
 TRAIN, VAL, TEST = (

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.arguments import positive
+from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.forecasting import TEST
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.arguments import add_settings, positive, settings
+from geovp_benchmarks.arguments import add_settings, positive, settings
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 
