@@ -31,7 +31,7 @@ BENCHMARK_LAYERS = [
     {"matrix", "analysis"},
     {"arguments", "tables"},
     {"plots", "running"},
-    {"report", "predict", "audit", "studies"},
+    {"report", "predict", "audit", "evaluation"},
     {"cli"},
 ]
 NEVER_IMPORTED = {

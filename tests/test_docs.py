@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 
 import geovp_classic as geovp
+import studies
 from geovp_benchmarks import cli
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import Failure
@@ -261,6 +262,9 @@ def test_shell_line(
         if "learned" in args[1] and not HAS_TORCH:
             pytest.skip("torch is not installed")
         parse_only(lambda: runpy.run_module(args[1], run_name="__main__"), monkeypatch)
+    elif program == "python" and args[0] == "benchmarks/studies":
+        parser = studies.command_line()
+        parse_only(lambda: cli.main(args[1:], parser), monkeypatch)
     elif program == "python":
         compile((ROOT / args[0]).read_text(), args[0], "exec")
     elif program == "make":

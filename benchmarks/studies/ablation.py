@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.evaluation.budget.scores import SCORED_STEPS
 from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -25,7 +26,6 @@ from geovp_classic.interfaces import PoseSource, Renderer
 from geovp_classic.types import ByteArray, Context, FloatArray
 
 NUM_PAST, NUM_FUTURE = 10, 20
-SCORED = (0, 4, 9, 14, 19)  # of the future frames
 METRICS = ("psnr", "ssim", "lpips")
 STRETCHES = ("03[0:180)", "raw0095", "00[0:569)", "00[600:725)")  # train and val
 SMALL, SMALL_PX, SIZE_PX = "00", 128, 256  # a sequence whose frames are no higher
@@ -179,7 +179,10 @@ def measure(
             for part, (source, renderer) in built.items():
                 start_s = time.perf_counter()
                 context, target = clip.split(NUM_PAST, source.needs | renderer.needs)
-                frames, actual = predict(context, source, renderer), target.frames[np.array(SCORED)]
+                frames, actual = (
+                    predict(context, source, renderer),
+                    target.frames[np.array(SCORED_STEPS)],
+                )
                 results[part].seconds.append(time.perf_counter() - start_s)
                 results[part].scores.append(
                     np.array([metric(frames, actual, None).mean() for metric in metrics])
@@ -194,7 +197,7 @@ def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArr
     """The predicted frames [N, H, W, 3] at the scored horizons."""
     from geovp_classic.predictors.geometric import GeometricPredictor
 
-    predictor, steps = GeometricPredictor(source, renderer), np.array(SCORED)
+    predictor, steps = GeometricPredictor(source, renderer), np.array(SCORED_STEPS)
     observed = predictor.observe(context)
     motion = predictor.estimate(observed)
     scene = predictor.reconstruct(observed, motion.past)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import studies
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.running import built_matrix
 from geovp_classic import registry
@@ -39,11 +40,15 @@ Says = Callable[..., str]
 
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
-    """A function that runs a command line in this process."""
+    """Return a function that runs a command line, or a study, in this process."""
 
     def run(*words: object) -> Ended:
         capsys.readouterr()
-        code = cli.main([*map(str, words)])
+        name, *args = map(str, words)
+        if name == "study":
+            code = cli.main(args, studies.command_line())
+        else:
+            code = cli.main([name, *args])
         return Ended(code, *capsys.readouterr())
 
     return run

@@ -160,7 +160,7 @@ class TestCheck:
 
 @pytest.mark.parametrize(
     ("words", "names"),
-    [([], cli.VERBS), (["study"], ("depth", "odometry", "confidence"))],
+    [([], cli.VERBS), (["forecast"], ("evaluate", "best-of"))],
 )
 def test_help_names_everything_and_imports_nothing_heavy(
     words: list[str], names: tuple[str, ...]
@@ -182,14 +182,11 @@ assert not [name for name in {heavy!r} if name in sys.modules]
 WRONG = [
     "",
     "walk",
-    "study",
-    "study weather",
     "run",
     "run x.toml --limit 0",
     "table",
-    "study depth many",
 ]
-WRONG += ["study depth 0", "study depth 1 2 3", "verify x --seed -1", "verify x --tolerance inf"]
+WRONG += ["verify x --seed -1", "verify x --tolerance inf"]
 
 
 @pytest.mark.parametrize("words", WRONG)

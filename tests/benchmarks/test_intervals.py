@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.studies import coverage
 from geovp_classic.types import FloatArray
+from studies import coverage
 
 
 def autocorrelation_time(values: FloatArray, *groups: FloatArray) -> tuple[float, int]:

@@ -3,7 +3,7 @@ answers at once.
 
 A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns the exit code: 0
 when all was done, 1 when some of it failed or was skipped, 2 for bad input, with one sentence that
-says what to do. Some verbs are studies.
+says what to do. Modules of `geovp_benchmarks.evaluation` and `studies` yield lines instead.
 """
 
 import argparse
@@ -37,9 +37,16 @@ VERBS: tuple[str, ...] = (
     "predict",
     "poses",
     "forecast",
+    "budget",
+    "sensitivity",
 )
-VERBS += ("view", "metrics", "verify", "study", "data", "list", "check")
-STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
+VERBS += ("view", "metrics", "verify", "data", "list", "check")
+EVALUATIONS = {  # verbs that yield lines
+    "poses": "odometry",
+    "forecast": "forecasting",
+    "budget": "budget",
+    "sensitivity": "sensitivity",
+}
 AMOUNTS = (
     ("q", "quiet", "say nothing but errors and results"),
     ("v", "verbose", "log what is done, with the tracebacks of what failed"),
@@ -50,8 +57,8 @@ class ModuleParser(argparse.ArgumentParser):
     """A parser that asks a module for its arguments when it is about to parse, and stores the
     module's `run`.
 
-    It is stored as `verb` or, of a module of `geovp_benchmarks.studies`, as `study`; without a
-    module it is a plain parser.
+    It is stored as `verb` or, of a module that yields lines, as `study`; without a module it is a
+    plain parser.
     """
 
     def __init__(self, *, module: str = "", **options: Any) -> None:
@@ -76,7 +83,8 @@ class ModuleParser(argparse.ArgumentParser):
         if self._module:
             module = importlib.import_module(self._module)
             module.add_arguments(self)
-            self.set_defaults(**{"study" if ".studies." in self._module else "verb": module.run})
+            is_verb = self._module.startswith(f"{__name__}.")
+            self.set_defaults(**{"verb" if is_verb else "study": module.run})
             self._module = ""
         choices = [action.choices for action in self._actions if isinstance(action.choices, dict)]
         for below in [parsers[word] for parsers in choices for word in words if word in parsers]:
@@ -129,17 +137,17 @@ def command_line() -> ModuleParser:
     parser.set_defaults(amount="normal")
     parser.add_argument("--version", action=PrintVersion, help="print the version and exit")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
-    studies = {verb: f"geovp_benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
-    add_modules(
-        parser, {verb: studies.get(verb, f"geovp_benchmarks.cli.{verb}") for verb in VERBS}, "VERB"
-    )
+    modules = {verb: f"geovp_benchmarks.cli.{verb}" for verb in VERBS}
+    for verb, name in EVALUATIONS.items():
+        modules[verb] = f"geovp_benchmarks.evaluation.{name}"
+    add_modules(parser, modules, "VERB")
     return parser
 
 
-def main(given: Sequence[str] | None = None) -> int:
-    """Run the chosen verb and return the exit code."""
+def main(given: Sequence[str] | None = None, parser: ModuleParser | None = None) -> int:
+    """Run the chosen verb, or that of another parser, and return the exit code."""
     _open_closed_streams()
-    parser = command_line()
+    parser = parser or command_line()
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what may stand next
         import argcomplete
 

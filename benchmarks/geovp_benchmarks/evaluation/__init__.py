@@ -1,6 +1,5 @@
-"""Measurements of one part by itself, for `geovp study NAME`: a module or package each, found by
-its name.
+"""Evaluations that are commands: poses, forecasts, error budget and sensitivity.
 
-It exposes `add_arguments(parser)` and `run(chosen, progress)`, which yields the lines to print; the
-first line of its docstring is its help.
+A module exposes `add_arguments(parser)` and `run(args, progress)`, which yields the lines to print;
+the first line of its docstring is its help.
 """

@@ -23,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The table and the paths of the figures; Incompatible for poses that are not in metres."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.studies.budget import figures, offsets
-    from geovp_benchmarks.studies.budget.scores import Subject, score
+    from geovp_benchmarks.evaluation.budget import figures, offsets
+    from geovp_benchmarks.evaluation.budget.scores import Subject, score
 
     scores = score(
         Subject.read(chosen, PrivilegedInput.NONE), offsets.ALL, offsets.predict, progress

@@ -17,14 +17,8 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.evaluation.budget.scores import SCORED_STEPS
 from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs
-from geovp_benchmarks.studies.corruption.kinds import (
-    CORRUPTIONS,
-    NUM_SEVERITIES,
-    Corruption,
-    Severity,
-)
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.interfaces import PoseSource, Renderer
@@ -40,6 +34,13 @@ from geovp_classic.types import (
     Motion,
     PrivilegedInput,
     Target,
+)
+from studies.ablation import NUM_PAST, STRETCHES, dataset_specs
+from studies.corruption.kinds import (
+    CORRUPTIONS,
+    NUM_SEVERITIES,
+    Corruption,
+    Severity,
 )
 
 LIMIT_DB = 0.5
@@ -125,7 +126,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     lowest = np.nanmin(values)
     yield f"{num_below} of {values.size} below -{LIMIT_DB} dB, the lowest {lowest:.1f} dB"
     if chosen.plot is not None:
-        from geovp_benchmarks.studies.corruption.figure import corruption_figure
+        from studies.corruption.figure import corruption_figure
 
         pairs = [(source, renderer) for source, renderer in (name.split() for name in methods)]
         corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
@@ -133,7 +134,9 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         from geovp_benchmarks.tables.formats import write_page
 
         frames = " ".join(f"'{one}'" for one in chosen.frames)
-        command = f"geovp study corruption path/to/kitti {frames} --stride {chosen.stride}"
+        command = (
+            f"python benchmarks/studies corruption path/to/kitti {frames} --stride {chosen.stride}"
+        )
         write_page(
             chosen.page,
             "Corruptions",
@@ -146,7 +149,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def gains_db(
     clip: Clip, name: str, severity: Severity, methods: Mapping[str, tuple[PoseSource, Renderer]]
 ) -> FloatArray:
-    """Return each method's mean PSNR over SCORED steps, less that of the last frame, copied.
+    """Return each method's mean PSNR over SCORED_STEPS steps, less that of the last frame, copied.
 
     It is NaN for a method that could not predict. Methods share observations, and motions by the
     first word of their name.
@@ -156,7 +159,7 @@ def gains_db(
     context, target = corrupted(
         clip, CORRUPTIONS[name], severity, reduce(PrivilegedInput.__or__, needs)
     )
-    steps = np.array(SCORED)
+    steps = np.array(SCORED_STEPS)
     actual, times_s = target.frames[steps], context.times_s[NUM_PAST + steps]
     copied = np.repeat(context.frames[-1:], len(steps), axis=0)
     observed = Observer().observe(context)
@@ -232,7 +235,7 @@ def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
     crop, wide = (values[:, np.char.endswith(names, renderer)] for renderer in ("crop", "full"))
     below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
     lines = [
-        f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED)}.",
+        f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED_STEPS)}.",
         "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and full: "
         "depth fusion; plane:",
         f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - "

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST
 from geovp_classic.types import ByteArray, Context, Intrinsics
+from studies.ablation import NUM_FUTURE, NUM_PAST
 
 NUM_SEVERITIES = 4
 NUM_STEPS = NUM_PAST + NUM_FUTURE

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.evaluation.forecasting import TEST
 from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.forecasting import TEST
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,8 +35,8 @@ SIZES_PX = {
 LEAST_SHARE = -1.0  # printed; what is far below is as useless
 LEAST_NOISE = 0.05  # per cent that are printed
 INTERVALS = (
-    "In brackets 95 % intervals, block bootstrap within each sequence; `geovp study coverage` "
-    "says what they hold."
+    "In brackets 95 % intervals, block bootstrap within each sequence; `python "
+    "benchmarks/studies coverage` says what they hold."
 )
 
 
@@ -88,8 +88,9 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     ]
     yield from lines
     if chosen.page is not None:
-        command = "geovp study foreseeable path/to/poses" + " --root path/to/kitti" * (
-            chosen.root is not None
+        command = (
+            "python benchmarks/studies foreseeable path/to/poses"
+            + " --root path/to/kitti" * (chosen.root is not None)
         )
         write_page(
             chosen.page,
@@ -103,9 +104,9 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def _poses(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
-    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
-    from geovp_benchmarks.studies.foreseeable import learners, windows
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
     from geovp_benchmarks.tables.formats import grid
+    from studies.foreseeable import learners, windows
 
     sequences = read_sequences(chosen.poses, list(dict.fromkeys([*chosen.sequences, *chosen.fit])))
     everything = windows.read(sequences, chosen.stride, progress)
@@ -153,7 +154,7 @@ in which no car could have driven as recorded are left out."""
 def _sizes(truth: FloatArray, noise: FloatArray) -> Iterator[list[str]]:
     import numpy as np
 
-    from geovp_benchmarks.studies.foreseeable.windows import COMPONENTS
+    from studies.foreseeable.windows import COMPONENTS
 
     sizes = np.sqrt((truth**2).mean(axis=0))
     share = (noise**2).mean(axis=0) / np.maximum(sizes**2, 1e-30)
@@ -170,8 +171,8 @@ def _sizes(truth: FloatArray, noise: FloatArray) -> Iterator[list[str]]:
 
 
 def _images(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.studies.foreseeable import images, windows
     from geovp_benchmarks.tables.formats import grid
+    from studies.foreseeable import images, windows
 
     sizes_px = dict.fromkeys(chosen.frames, chosen.size) if chosen.frames else SIZES_PX
     read = images.read(chosen.root, sizes_px, chosen.stride, progress)
@@ -215,7 +216,7 @@ def _shares(
     """The explained share at each horizon, of deviations [N, H, 6] and a component's number or of
     [N, H].
     """
-    from geovp_benchmarks.studies.foreseeable.learners import explained
+    from studies.foreseeable.learners import explained
 
     if number is not None:
         truth, answer = truth[..., number], answer[..., number]

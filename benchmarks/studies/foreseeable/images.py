@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from geovp_benchmarks.analysis.intervals import sequence_of
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.studies.foreseeable.windows import COMPONENTS, HORIZONS, deviations, states
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import Incompatible
@@ -21,6 +20,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import GroundFit, GroundPlane
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput
+from studies.foreseeable.windows import COMPONENTS, HORIZONS, deviations, states
 
 NUM_PAST = 10
 SCAN_DEG, SCAN_BINS = 14.0, 12  # azimuth to either side

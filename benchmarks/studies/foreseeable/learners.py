@@ -10,11 +10,11 @@ from geovp_benchmarks.analysis.intervals import Interval, interval
 from geovp_benchmarks.fitting import network_training
 from geovp_benchmarks.fitting.network_training import Schedule
 from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.foreseeable.windows import LONG_STEPS, MIRRORED, SHORT_STEPS, Windows
 from geovp_classic.forecasting import motion_network
 from geovp_classic.forecasting.motion_network import MIRRORED_TWIST, Standardisation
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import FloatArray
+from studies.foreseeable.windows import LONG_STEPS, MIRRORED, SHORT_STEPS, Windows
 
 FARTHEST = 5.0  # root mean squares of a deviation that a learner is fitted to
 Answer = Callable[[FloatArray], FloatArray]  # deviations [N, H, 6] after twists [N, P, 6]

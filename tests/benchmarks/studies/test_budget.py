@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.analysis.intervals import Interval
+from geovp_benchmarks.evaluation.budget import offsets, stages
+from geovp_benchmarks.evaluation.budget.images import ClipImages, with_true_depth
+from geovp_benchmarks.evaluation.budget.offsets import Offset
+from geovp_benchmarks.evaluation.budget.poses import ClipMotions
+from geovp_benchmarks.evaluation.budget.scores import Scores, Subject, find_row, text
+from geovp_benchmarks.evaluation.budget.stages import NONE, Budget
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.studies.budget import offsets, stages
-from geovp_benchmarks.studies.budget.images import ClipImages, with_true_depth
-from geovp_benchmarks.studies.budget.offsets import Offset
-from geovp_benchmarks.studies.budget.poses import ClipMotions
-from geovp_benchmarks.studies.budget.scores import Scores, Subject, find_row, text
-from geovp_benchmarks.studies.budget.stages import NONE, Budget
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.forecasting.constant import ConstantVelocity
@@ -164,7 +164,7 @@ def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
 
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    lines = printed("study", "budget", matrix_file, "--out", out).splitlines()
+    lines = printed("budget", matrix_file, "--out", out).splitlines()
     assert lines[0] == "past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5"
     rows = [line for line in lines if line.endswith("   2")]
     assert len(rows) == 24  # twelve stages in two metrics: depth and masks are exact here
@@ -232,7 +232,7 @@ def test_an_offset_is_a_turn_or_a_shift_of_the_camera(
 
 def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    lines = printed("study", "sensitivity", matrix_file, "--limit", "1", "--out", out).splitlines()
+    lines = printed("sensitivity", matrix_file, "--limit", "1", "--out", out).splitlines()
     loss = {
         line[:28].strip(): float(line[28:].split()[0])
         for line in lines

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.studies.budget.poses import (
+from geovp_benchmarks.evaluation.budget.poses import (
     COMPONENTS,
     PAST,
     SCALE,

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.cli import main
-from geovp_benchmarks.studies.corruption import NUM_PAST, corrupted, gains_db
-from geovp_benchmarks.studies.corruption.figure import corruption_figure
-from geovp_benchmarks.studies.corruption.kinds import CORRUPTIONS, NUM_SEVERITIES
 from geovp_classic import registry
 from geovp_classic.types import Clip, PrivilegedInput
+from studies import command_line
+from studies.corruption import NUM_PAST, corrupted, gains_db
+from studies.corruption.figure import corruption_figure
+from studies.corruption.kinds import CORRUPTIONS, NUM_SEVERITIES
 from tests.benchmarks.conftest import write_kitti
 
 EVERYTHING = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
@@ -81,12 +82,12 @@ def test_the_command_draws_curves_and_writes_its_page(
     page.write_text("# Old\n\n## Notes\n\nkept\n")
     spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
     write_kitti(tmp_path / "kitti", "03", registry.build("datasets", spec)[0])
-    given = ["study", "corruption", str(tmp_path / "kitti"), "03", "--only", "stationary"]
-    assert main([*given, "--plot", str(picture), "--page", str(page)]) == 0
+    given = ["corruption", str(tmp_path / "kitti"), "03", "--only", "stationary"]
+    assert main([*given, "--plot", str(picture), "--page", str(page)], command_line()) == 0
     assert "stationary 1" in capsys.readouterr().out
     assert cv2.imread(str(picture)).shape[1] > 1000
     text = page.read_text()
-    assert "geovp study corruption path/to/kitti '03' --stride 60" in text
+    assert "python benchmarks/studies corruption path/to/kitti '03' --stride 60" in text
     assert "| stationary 1 " in text
     assert text.endswith("## Notes\n\nkept\n")
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geovp_benchmarks.studies import depth
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
+from studies import depth
 from tests.benchmarks.conftest import Says
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.studies.forecasting import evaluation
-from geovp_benchmarks.studies.forecasting.evaluation import (
+from geovp_benchmarks.evaluation.forecasting import evaluation
+from geovp_benchmarks.evaluation.forecasting.evaluation import (
     OdometryNoise,
     cut,
     energy_score,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.progress import no_progress
-from geovp_benchmarks.studies.foreseeable import images, learners, windows
-from geovp_benchmarks.studies.foreseeable.windows import HORIZONS, Windows
 from geovp_classic.data import pose_files
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import FloatArray, Intrinsics, Trajectory
+from studies.foreseeable import images, learners, windows
+from studies.foreseeable.windows import HORIZONS, Windows
 from tests.benchmarks.conftest import Says
 
 CAMERA = Intrinsics(200.0, 200.0, 127.5, 127.5, 256, 256)
@@ -173,7 +173,7 @@ def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, printed
     text = page.read_text()
     assert told.strip() in text
     assert text.startswith(
-        "# What can be foreseen\n\n```sh\ngeovp study foreseeable path/to/poses\n```\n"
+        "# What can be foreseen\n\n```sh\npython benchmarks/studies foreseeable path/to/poses\n```\n"
     )
     assert text.endswith("## Notes\n\nStays.\n")
     rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| yaw:")]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks.studies.odometry import clips
+from geovp_benchmarks.evaluation.odometry import clips
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Clip, Context, Intrinsics, PrivilegedInput, Trajectory
 from tests.benchmarks.conftest import Says

@@ -6,7 +6,7 @@ import pytest
 
 from geovp_benchmarks.cli import main
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.studies import training_seeds
+from studies import command_line, training_seeds
 from tests.benchmarks.made import content, go, values
 
 METRIC = "toy-difference"
@@ -46,9 +46,17 @@ def test_a_line_has_the_means_and_the_paired_differences(results: Results) -> No
 def test_the_command_prints_a_table_a_metric_or_one_sentence(
     results: Results, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["study", "training-seeds", str(results.root), "base", "--metrics", METRIC]) == 0
+    assert (
+        main(["training-seeds", str(results.root), "base", "--metrics", METRIC], command_line())
+        == 0
+    )
     assert "difference from base" in capsys.readouterr().out
-    assert main(["study", "training-seeds", str(results.root), "bas", "--metrics", METRIC]) == 2
+    assert (
+        main(["training-seeds", str(results.root), "bas", "--metrics", METRIC], command_line()) == 2
+    )
     assert "has no methods bas-SEED: methods with seeds are base, other" in capsys.readouterr().err
-    assert main(["study", "training-seeds", str(results.root), "base", "--metrics", "nothing"]) == 2
+    assert (
+        main(["training-seeds", str(results.root), "base", "--metrics", "nothing"], command_line())
+        == 2
+    )
     assert "has no metric 'nothing': known are" in capsys.readouterr().err

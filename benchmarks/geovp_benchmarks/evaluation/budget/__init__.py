@@ -4,7 +4,7 @@ one by one.
 Upwards: the forecast with one stage true. One by one: stage after stage, from the forecast to the
 truth, so that the changes add up. Downwards: all stages true but one. All are paired differences
 over clips with intervals from a block bootstrap. What the stages mean:
-`geovp_benchmarks.studies.budget.poses` and `.images`.
+`geovp_benchmarks.evaluation.budget.poses` and `.images`.
 """
 
 import argparse
@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The tables and the paths of the figures; BadData for a row that has no stages."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.studies.budget import figures, stages
-    from geovp_benchmarks.studies.budget.scores import Subject
+    from geovp_benchmarks.evaluation.budget import figures, stages
+    from geovp_benchmarks.evaluation.budget.scores import Subject
 
     subject = Subject.read(
         chosen, PrivilegedInput.RIGHT_FRAMES if chosen.stereo else PrivilegedInput.NONE

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from geovp_benchmarks.evaluation.budget.offsets import EXACT, SHIFTS, SIZES, TURNS, Offset
+from geovp_benchmarks.evaluation.budget.scores import Scores, Subject, heading
+from geovp_benchmarks.evaluation.budget.stages import DIRECTIONS, NONE, Budget
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.plots.material import Page
-from geovp_benchmarks.studies.budget.offsets import EXACT, SHIFTS, SIZES, TURNS, Offset
-from geovp_benchmarks.studies.budget.scores import Scores, Subject, heading
-from geovp_benchmarks.studies.budget.stages import DIRECTIONS, NONE, Budget
 
 PANEL_IN, ROW_IN, OFFSETS_IN = 2.5, 0.24, (3.6, 2.6)
 BETTER, WORSE = style.COLOURS[0], style.COLOURS[1]

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from geovp_benchmarks.studies.budget.poses import PAST, SCALE, STAGES, ClipMotions, Oracles
+from geovp_benchmarks.evaluation.budget.poses import PAST, SCALE, STAGES, ClipMotions, Oracles
 from geovp_classic.depth.given import Given
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import Incompatible

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import KIND
-from geovp_benchmarks.studies.budget.poses import TRUTH
-from geovp_benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, text
+from geovp_benchmarks.evaluation.budget.poses import TRUTH
+from geovp_benchmarks.evaluation.budget.scores import Predict, Scores, Subject, heading, text
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray

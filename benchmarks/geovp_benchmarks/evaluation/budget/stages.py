@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from geovp_benchmarks.analysis.intervals import KIND, Interval
-from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.budget.images import (
+from geovp_benchmarks.evaluation.budget.images import (
     ALL_STAGES,
     DEPTH,
     MIN_SEEN,
@@ -13,8 +12,9 @@ from geovp_benchmarks.studies.budget.images import (
     ClipImages,
     with_true_depth,
 )
-from geovp_benchmarks.studies.budget.poses import TRUTH, ClipMotions, Oracles
-from geovp_benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
+from geovp_benchmarks.evaluation.budget.poses import TRUTH, ClipMotions, Oracles
+from geovp_benchmarks.evaluation.budget.scores import Predict, Scores, Subject, heading, score, text
+from geovp_benchmarks.progress import Progress
 from geovp_classic.types import Clip
 
 NONE: Oracles = frozenset()

@@ -122,7 +122,7 @@ def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
 
 
 def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.studies.forecasting import evaluation, tables
+    from geovp_benchmarks.evaluation.forecasting import evaluation, tables
     from geovp_classic.errors import UnknownComponent
 
     forecasters = evaluation.forecasters(chosen.coefficients)
@@ -142,7 +142,7 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     )
     scores = evaluation.evaluate(windows, rows, corruption, progress)
     if chosen.plot is not None:
-        from geovp_benchmarks.studies.forecasting.reliability import reliability_figure
+        from geovp_benchmarks.evaluation.forecasting.reliability import reliability_figure
 
         reliability_figure(scores).savefig(chosen.plot, bbox_inches="tight")
     if chosen.json:
@@ -153,8 +153,8 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.studies.forecasting import best_of
-    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_benchmarks.evaluation.forecasting import best_of
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_windows
     from geovp_classic.errors import BadData
 
     if min(chosen.counts) < 1:
@@ -171,8 +171,8 @@ def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_windows
     from geovp_benchmarks.fitting import kalman_noise
-    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
     from geovp_classic.forecasting import kalman
 
     windows = read_windows(chosen.poses, chosen.sequences, stride=200)
@@ -190,8 +190,8 @@ def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]
 def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
     from geovp_benchmarks.fitting import prior
-    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
 
     train, others = (
         read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
@@ -203,7 +203,7 @@ def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def _fit_speeds(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
     from geovp_classic.odometry import speed_prior
 
     drives, others = (
@@ -217,8 +217,8 @@ def _fit_speeds(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]
 def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
+    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
     from geovp_benchmarks.fitting import body_motion
-    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
 
     train, others = (
         read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)

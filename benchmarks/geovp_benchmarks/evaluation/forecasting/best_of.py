@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import interval
+from geovp_benchmarks.evaluation.forecasting.evaluation import Window
 from geovp_benchmarks.progress import Progress, no_progress
-from geovp_benchmarks.studies.forecasting.evaluation import Window
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.representative import ImageDistance, Representative

@@ -8,8 +8,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from geovp_benchmarks.evaluation.forecasting.evaluation import Scores
 from geovp_benchmarks.plots import style
-from geovp_benchmarks.studies.forecasting.evaluation import Scores
 
 PANELS = ("x, z, yaw", "height", "pitch", "roll", "all six")
 PANEL_IN = 1.7

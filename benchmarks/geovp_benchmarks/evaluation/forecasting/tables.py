@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from geovp_benchmarks.studies.forecasting.evaluation import Scores
+from geovp_benchmarks.evaluation.forecasting.evaluation import Scores
 from geovp_classic.types import FloatArray
 
 REGIONS = (0.5, 0.9)

@@ -62,7 +62,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Files and their drift, or with `--clips` a table of errors a step; BadData for one frame a
     clip.
     """
-    from geovp_benchmarks.studies.odometry import clips, paths
+    from geovp_benchmarks.evaluation.odometry import clips, paths
     from geovp_benchmarks.tables.formats import columns
     from geovp_classic.data import layouts
 
