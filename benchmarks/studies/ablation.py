@@ -8,7 +8,6 @@ interval excludes zero and the gain is .05 dB or .002 LPIPS.
 """
 
 import argparse
-import importlib.util
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,7 +46,6 @@ class Variant:
     part: str
     pose_source: Spec
     renderer: Spec
-    modules: tuple[str, ...]  # whose lines are the part's
     whole: str  # the variant that it is compared with
 
 
@@ -56,43 +54,29 @@ def variants() -> list[Variant]:
     chained: Spec = {"name": "chained"}
     whole_source, with_odometry, found = refined(TRUE), "all, odometry", []
 
-    def add(
-        part: str, *modules: str, source: Spec = whole_source, whole: str = "all", **renderer: Any
-    ) -> None:
-        found.append(
-            Variant(
-                part,
-                source,
-                {**FUSION, **renderer},
-                tuple(f"geovp_classic.{m}" for m in modules),
-                whole,
-            )
-        )
+    def add(part: str, source: Spec = whole_source, whole: str = "all", **renderer: Any) -> None:
+        found.append(Variant(part, source, {**FUSION, **renderer}, whole))
 
-    def add_tracked(part: str, *modules: str, **settings: Any) -> None:
-        add(part, *modules, source=refined({**chained, **settings}), whole=with_odometry)
+    def add_tracked(part: str, **settings: Any) -> None:
+        add(part, source=refined({**chained, **settings}), whole=with_odometry)
 
     add("all")
-    add("refinements", "pose_refinement", "refined", source=TRUE)
-    add("ground prior", "geometry.ground_plane", depth={"name": "multiview", "ground": "none"})
-    add("crack closing", "render.fusion", crack_px=0)
-    add("detail transfer", "render.detail_transfer", detail="none")
+    add("refinements", source=TRUE)
+    add("ground prior", depth={"name": "multiview", "ground": "none"})
+    add("crack closing", crack_px=0)
+    add("detail transfer", detail="none")
     add("borrowed detail", inpainter={"name": "nearest-background"})
-    add("exposure", "render.exposure", exposure="none")
+    add("exposure", exposure="none")
     add_tracked(with_odometry)
-    add("refinements, odometry", "pose_refinement", source=chained, whole=with_odometry)
-    networks = ("forecasting.motion_prior", "forecasting.motion_network")
-    add_tracked("motion prior (damped CTRA)", *networks, forecaster={"name": "acceleration-kalman"})
+    add("refinements, odometry", source=chained, whole=with_odometry)
+    add_tracked("motion prior (damped CTRA)", forecaster={"name": "acceleration-kalman"})
     add_tracked(
         "bundle adjustment",
-        "odometry.bundle",
         odometry={"name": "monocular", "tracking": {"keyframes": {"max_bundle_points": 0}}},
     )
     unit_speed = {"name": "monocular", "scale": {"name": "unit-speed"}}
     add_tracked(
         "road scale (unit speed)",
-        "odometry.ground_plane_scale",
-        "odometry.road",
         odometry=unit_speed,
     )
     return found
@@ -136,7 +120,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     ]
     results = measure(wholes + wanted, data, progress)
     yield f"{len(next(iter(results.values())).scores)} clips of {', '.join(chosen.frames)}"
-    yield f"{'without':<32}{'PSNR (dB)':>26}{'SSIM':>27}{'LPIPS':>27}{'ms':>7}{'lines':>7}"
+    yield f"{'without':<32}{'PSNR (dB)':>26}{'SSIM':>27}{'LPIPS':>27}{'ms':>7}"
     for one in wanted:
         yield line(one, results[one.part], results[one.whole])
 
@@ -207,7 +191,7 @@ def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArr
 
 
 def line(variant: Variant, without: Results, whole: Results) -> str:
-    """The part's gain in every metric, its time and its lines."""
+    """Return the part's gain in each metric with its interval, and its time."""
     from geovp_benchmarks.analysis.intervals import block_interval
 
     gains = np.array(whole.scores) - np.array(without.scores)
@@ -220,14 +204,4 @@ def line(variant: Variant, without: Results, whole: Results) -> str:
             )
         )
     extra_ms = 1000 * float(np.median(np.array(whole.seconds) - np.array(without.seconds)))
-    return "".join([*cells, f"{extra_ms:7.0f}", f"{sum(map(count_lines, variant.modules)):7d}"])
-
-
-def count_lines(module: str) -> int:
-    """The lines of a module, or of all modules of a package."""
-    found = importlib.util.find_spec(module)
-    if found is None or found.origin is None:
-        raise BadData(f"{module} is not a module: fix the list of the study's components")
-    path = Path(found.origin)
-    files = path.parent.rglob("*.py") if path.name == "__init__.py" else [path]
-    return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
+    return "".join([*cells, f"{extra_ms:7.0f}"])
