@@ -56,7 +56,7 @@ wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from 
 	"$$folder/venv/bin/python" tests/install_size.py; \
 	cd "$$folder"; unset PYTHONPATH; \
 	venv/bin/geovp --version; \
-	venv/bin/geovp list > list.txt; grep -q '^  depth-fusion ' list.txt; \
+	venv/bin/geovp list > list.txt; grep -q '^  depth-fusion: ' list.txt; \
 	venv/bin/python -c 'import geovp_benchmarks, geovp_classic, sys; assert geovp_classic.__file__.startswith(sys.prefix)'; \
 	venv/bin/geovp run demo --quiet --limit 1 --no-report --set 'metrics.frame=["psnr"]' --set 'predictors={}' \
 	  --set 'pose_sources={gt-3d={name="ground-truth"}}' --set 'renderers={plane={name="ground-far-plane"}}'; \
