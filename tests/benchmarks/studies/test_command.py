@@ -1,0 +1,31 @@
+"""The command line of the studies."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geovp_benchmarks import cli
+from studies import command_line
+
+STUDIES = Path(__file__).resolve().parents[3] / "benchmarks" / "studies"
+
+
+@pytest.mark.parametrize("words", ["", "weather", "depth many", "depth 0", "depth 1 2 3"])
+def test_wrong_arguments_are_bad_input(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(words.split(), command_line())
+    assert end.value.code == 2
+    assert "error: " in capsys.readouterr().err
+
+
+def test_help_names_the_studies_and_imports_nothing_heavy() -> None:
+    heavy = ("numpy", "cv2", "duckdb", "matplotlib", "torch", "open3d", "tqdm")
+    command = [sys.executable, "-X", "importtime", str(STUDIES), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    for name in ("depth", "confidence", "training-seeds"):
+        assert f"    {name} " in done.stdout or f"    {name}\n" in done.stdout
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "argparse" in imported
+    assert not imported & {*heavy}
