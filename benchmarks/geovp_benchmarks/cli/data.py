@@ -60,6 +60,9 @@ def _examine_results(root: Path, as_json: bool) -> int:
     for label, results in Results(root).by_dataset().items():
         protocol = results.protocol()
         for name in protocol["cells"]:
+            record = results.cell(name)
+            if record is not None and record.status == "skipped":  # it has no scores to lack
+                continue
             method = f"{label}/{name}" if label else name
             stored = {clip for part in results.parts(name) for clip in part.clips}
             missing = [clip for clip in protocol["clips"] if clip not in stored]
