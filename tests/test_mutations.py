@@ -122,12 +122,12 @@ def read_video(path: Path) -> Any:
 def write_results(folder: Path, datasets: list[str]) -> None:
     """Write a results folder with a score, a kept clip and a kept prediction."""
     results = Results(folder)
-    results.write_protocol({"cells": ["x"], "clips": ["a"], "num_past": 3, "metrics": {}})
+    results.write_protocol({"methods": ["x"], "clips": ["a"], "num_past": 3, "metrics": {}})
     results.write_datasets(datasets)
-    cell = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
-    cell |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
-    cell |= {"privileged_inputs": []}
-    results.write_cell("x", cell)
+    method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
+    method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
+    method |= {"privileged_inputs": []}
+    results.write_method("x", method)
     rows = Rows.of(["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
     results.write_part("x", rows, Part(("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
     stack = np.stack([IMAGE] * 8)
@@ -287,7 +287,7 @@ READERS: dict[str, Reader] = {
     "clip": result("clips/a.npz", lambda results: results.clip("a")),
     "prediction": result("x/predictions/a.npz", lambda results: results.prediction("x", "a")),
     "part": result("x/scores/part-*.parquet", read_scores),
-    "cell.json": result("x/cell.json", lambda results: results.cells()),
+    "method.json": result("x/method.json", lambda results: results.methods()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),
     "datasets.json": result("datasets.json", lambda results: list(results.by_dataset())),
     "colmap images.bin": Reader(colmap_model("images.bin"), read_colmap),

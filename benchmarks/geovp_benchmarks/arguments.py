@@ -122,7 +122,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_row(parser: argparse.ArgumentParser, out: str) -> None:
+def add_method(parser: argparse.ArgumentParser, out: str) -> None:
     """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
     add_matrix(parser, "a matrix file, or a built-in one's name; its metrics are measured")
     help_text = 'the method, as in tables: "vo+prior + fusion" (needed where there are several)'

@@ -195,13 +195,13 @@ def line(variant: Variant, without: Results, whole: Results) -> str:
     from geovp_benchmarks.analysis.intervals import block_interval
 
     gains = np.array(whole.scores) - np.array(without.scores)
-    cells = [f"{variant.part:<32}"]
+    methods = [f"{variant.part:<32}"]
     for number, digits in enumerate((3, 4, 4)):
         low, high = block_interval(gains[:, number], np.array(whole.stretches))
-        cells.append(
+        methods.append(
             f"{gains[:, number].mean():+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]".rjust(
                 27
             )
         )
     extra_ms = 1000 * float(np.median(np.array(whole.seconds) - np.array(without.seconds)))
-    return "".join([*cells, f"{extra_ms:7.0f}"])
+    return "".join([*methods, f"{extra_ms:7.0f}"])

@@ -23,7 +23,7 @@ from geovp_classic.types import FloatArray
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
 
-ROW = re.compile(r"(.+?)-(\d+)(--.+)?")  # of a cell's folder: METHOD-SEED, METHOD-SEED--RENDERER
+ROW = re.compile(r"(.+?)-(\d+)(--.+)?")  # of a method's folder: METHOD-SEED, METHOD-SEED--RENDERER
 METRICS = ("average-displacement", "final-displacement", "yaw-error", "psnr")
 
 
@@ -99,9 +99,9 @@ def by_seed(results: Results, metric: str) -> dict[str, dict[int, Mapping[str, f
     from geovp_benchmarks.analysis import statistics
 
     found: dict[str, dict[int, Mapping[str, float]]] = {}
-    for cell in results.cells():
-        if match := ROW.fullmatch(cell.name):
-            cube = statistics.cube(results.scores(cell.name), metric)
+    for method in results.methods():
+        if match := ROW.fullmatch(method.name):
+            cube = statistics.cube(results.scores(method.name), metric)
             values: FloatArray = statistics.over_steps(statistics.mean_of_samples(cube, True))
             clips = {
                 clip: float(value)

@@ -13,7 +13,7 @@ import cv2
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
-from geovp_benchmarks.results.store import Cell, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results, Rows
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.planning import Options
 from geovp_benchmarks.running.run import run
@@ -61,20 +61,20 @@ def write_matrix(path: Path, tables: dict[str, Any]) -> Path:
 
 def go(
     root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any
-) -> dict[str, Cell]:
-    """Run a matrix; its cells by name."""
+) -> dict[str, Method]:
+    """Run a matrix; its methods by name."""
     parsed = schema.parse("m", tables)
     return {
-        cell.name: cell
-        for cell in run(
+        method.name: method
+        for method in run(
             parsed, Results(root), Options(**options), executor or Serial(), no_progress
         )
     }
 
 
-def rows(root: Path, cell: str) -> list[dict[str, Any]]:
-    """All stored rows of a cell."""
-    return dicts(Results(root).scores(cell))
+def rows(root: Path, method: str) -> list[dict[str, Any]]:
+    """All stored rows of a method."""
+    return dicts(Results(root).scores(method))
 
 
 def dicts(rows: Rows) -> list[dict[str, Any]]:
@@ -86,9 +86,9 @@ def dicts(rows: Rows) -> list[dict[str, Any]]:
     ]
 
 
-def values(root: Path, cell: str, metric: str) -> list[float]:
+def values(root: Path, method: str, metric: str) -> list[float]:
     """The stored values of one metric."""
-    return [row["value"] for row in rows(root, cell) if row["metric"] == metric]
+    return [row["value"] for row in rows(root, method) if row["metric"] == metric]
 
 
 def scores(lines: Iterable[tuple[str, int, int, str, float | None]]) -> Rows:
@@ -103,7 +103,7 @@ def write_row(
     facts: Any = None,
     **record: Any,
 ) -> None:
-    """Store a cell that is done, with its rows as one part; facts are those of clips."""
+    """Store a method that is done, with its rows as one part; facts are those of clips."""
     lines = list(lines)
     clips = tuple(dict.fromkeys(clip for clip, *_ in lines))
     own = {
@@ -114,13 +114,13 @@ def write_row(
         "num_samples": 1,
     }
     own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
-    results.write_cell(name, {**own, **record})
+    results.write_method(name, {**own, **record})
     if lines:
         results.write_part(name, scores(lines), Part(clips, "f", {}, {}, 0.0, facts=facts or {}))
 
 
 def write_protocol(
-    results: Results, cells: Iterable[str], clips: Iterable[str], **more: Any
+    results: Results, methods: Iterable[str], clips: Iterable[str], **more: Any
 ) -> None:
     """Store a protocol called demo, of ten frames seen and twenty predicted."""
     shared = {
@@ -132,7 +132,7 @@ def write_protocol(
         "num_future": 20,
     }
     results.write_protocol(
-        {**shared, "size_px": [64, 48], "cells": [*cells], "clips": [*clips], **more}
+        {**shared, "size_px": [64, 48], "methods": [*methods], "clips": [*clips], **more}
     )
 
 

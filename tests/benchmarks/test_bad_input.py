@@ -98,7 +98,7 @@ def test_damage_is_told_in_one_sentence(
     assert says in refused(*run(street))
 
 
-def test_missing_poses_are_no_mistake_but_a_skipped_cell(street: Path, command: Command) -> None:
+def test_missing_poses_are_no_mistake_but_a_skipped_method(street: Path, command: Command) -> None:
     (street.parent / "kitti/poses/00.txt").unlink()
     assert command(*run(street)).code == 0
     tables = '\n[pose_sources]\ntrue = { name = "ground-truth" }\n[renderers]\nflat = { name = "ground-far-plane" }\n'

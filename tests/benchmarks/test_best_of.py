@@ -38,10 +38,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
         "metrics": METRICS,
     }
     own = Results(tmp_path_factory.mktemp("best") / "of")
-    cells = run(
+    methods = run(
         matrices.parse("m", content), own, Options(keep=0), Serial(), lambda done, total: None
     )
-    assert [cell.status for cell in cells] == ["done", "done"]
+    assert [method.status for method in methods] == ["done", "done"]
     return own
 
 

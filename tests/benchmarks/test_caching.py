@@ -1,4 +1,4 @@
-"""What is shared between cells is computed once, charged to each, and never mixed up."""
+"""What is shared between methods is computed once, charged to each, and never mixed up."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def past(step_m: float, is_metric: bool = True) -> Trajectory:
     return Trajectory(poses, np.arange(2.0), is_metric)
 
 
-def test_every_cell_is_charged_what_it_would_have_cost_alone() -> None:
+def test_every_method_is_charged_what_it_would_have_cost_alone() -> None:
     cache, profilers, calls = Cache(), [StageProfiler(), StageProfiler()], []
     values = [
         cache.get_or_compute("key", lambda: calls.append(0) or 7, each, "motion")

@@ -75,7 +75,7 @@ class TestRun:
         )
         results = Results(tmp_path / "out")
         assert [clip for clip, _ in results.predictions("still")] == ["road/000", "road/001"]
-        assert {cell.num_clips for cell in results.cells()} == {2}
+        assert {method.num_clips for method in results.methods()} == {2}
         assert results.protocol()["dataset"]["root"] == "/elsewhere"
 
 
@@ -88,12 +88,12 @@ class TestScore:
         monkeypatch.chdir(tmp_path / "out")
         printed("score", ".")  # the folder one stands in
         before, after = Results(tmp_path / "out"), Results(tmp_path / "out-rescored")
-        for cell in ("steady--slide", "still"):
-            assert rows(after.root, cell) == rows(before.root, cell)
-            scored = after.cell(cell)
+        for method in ("steady--slide", "still"):
+            assert rows(after.root, method) == rows(before.root, method)
+            scored = after.method(method)
             assert scored is not None
             assert scored.record["peak_is_own"] is False  # nothing was predicted
-        assert before.root.joinpath("still/cell.json").exists()
+        assert before.root.joinpath("still/method.json").exists()
 
     def test_with_other_metrics_and_the_clips_that_were_kept(
         self, tmp_path: Path, printed: Says

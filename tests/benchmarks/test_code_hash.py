@@ -16,7 +16,7 @@ import pytest
 from geovp_benchmarks.matrix import components
 from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.components import code_hash
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running import built_matrix
 from geovp_benchmarks.running.executors import Serial
 from geovp_benchmarks.running.planning import Options
@@ -31,17 +31,17 @@ CLIPS = 5
 MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
 
 
-def go(root: Path, **options: Any) -> tuple[Cell, list[int]]:
-    """The one cell of the matrix, and how many clips were computed for it at each report."""
+def go(root: Path, **options: Any) -> tuple[Method, list[int]]:
+    """The one method of the matrix, and how many clips were computed for it at each report."""
     done: list[int] = []
-    (cell,) = run(
+    (method,) = run(
         matrices.parse("m", MATRIX),
         Results(root),
         Options(**options),
         Serial(),
         lambda n, _: done.append(n),
     )
-    return cell, done
+    return method, done
 
 
 @pytest.fixture
@@ -62,8 +62,8 @@ class TestRuns:
         edit("before")
         go(tmp_path, limit=2)
         edit("after")
-        cell, done = go(tmp_path)
-        assert (cell.status, cell.num_clips, cell.num_outdated) == ("done", CLIPS, 2)
+        method, done = go(tmp_path)
+        assert (method.status, method.num_clips, method.num_outdated) == ("done", CLIPS, 2)
         assert done[-1] == CLIPS - 2
         (note,) = [
             note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
@@ -77,8 +77,8 @@ class TestRuns:
         go(tmp_path, limit=2)
         edit("after")
         go(tmp_path)
-        cell, done = go(tmp_path, fresh=True)
-        assert (cell.num_clips, cell.num_outdated, done[-1]) == (CLIPS, 0, 2)
+        method, done = go(tmp_path, fresh=True)
+        assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
         _, done = go(tmp_path, fresh=True)
         assert done == [0]
 

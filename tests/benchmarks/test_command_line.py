@@ -38,10 +38,10 @@ class TestSettings:
         printed(*run(tmp_path, *(word for one in settings for word in ("--set", one))))
         results = Results(tmp_path / "out")
         assert results.protocol()["stride"] == 3
-        assert results.protocol()["cells"] == ["steady--slide", "still", "other"]
-        cell = results.cell("steady--slide")
-        assert cell is not None
-        assert cell.components["pose_source"]["step_m"] == 2.5
+        assert results.protocol()["methods"] == ["steady--slide", "still", "other"]
+        method = results.method("steady--slide")
+        assert method is not None
+        assert method.components["pose_source"]["step_m"] == 2.5
         written = matrix(tmp_path, other="toy-still")
         text = written.read_text().replace("stride = 1", "stride = 3")
         written.write_text(text.replace('"toy-steady"', '"toy-steady", step_m=2.5'))

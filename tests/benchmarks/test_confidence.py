@@ -18,14 +18,14 @@ METRIC = "toy-difference"
 
 
 def rewrite(
-    results: Results, cell: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]
+    results: Results, method: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]
 ) -> None:
     """Change or drop stored rows."""
-    for part, rows in [(part, dicts(results.scores(cell))) for part in results.parts(cell)]:
+    for part, rows in [(part, dicts(results.scores(method))) for part in results.parts(method)]:
         kept = [
             new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None
         ]
-        results.write_part(cell, scores(row.values() for row in kept), part)
+        results.write_part(method, scores(row.values() for row in kept), part)
 
 
 @pytest.fixture

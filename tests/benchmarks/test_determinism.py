@@ -28,7 +28,7 @@ MATRIX: dict[str, Any] = {
     "renderers": {"fusion": "depth-fusion"},
     "metrics": {"frame": ["psnr", "ssim"], "trajectory": ["translation-error"]},
 }
-CELL = "vo--fusion"
+METHOD = "vo--fusion"
 
 
 def run(root: Path, threads: int, executor: Executor) -> Results:
@@ -37,11 +37,11 @@ def run(root: Path, threads: int, executor: Executor) -> Results:
     cv2.setNumThreads(threads)
     try:
         with threadpool_limits(threads):
-            (cell,) = go(root, MATRIX, executor, keep=None).values()
+            (method,) = go(root, MATRIX, executor, keep=None).values()
     finally:
         numba.set_num_threads(before[0])
         cv2.setNumThreads(before[1])
-    assert (cell.status, cell.num_failed) == ("done", 0)
+    assert (method.status, method.num_failed) == ("done", 0)
     return Results(root)
 
 
@@ -71,12 +71,12 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
         monkeypatch.setenv(name, value)
     other = run(tmp_path, threads, executor)
     np.testing.assert_allclose(
-        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=1e-6
+        other.scores(METHOD).value, serial.scores(METHOD).value, rtol=1e-6, atol=1e-6
     )
-    clips = [clip for clip, _ in serial.predictions(CELL)]
+    clips = [clip for clip, _ in serial.predictions(METHOD)]
     assert len(clips) == 3
     for clip in clips:
-        one, two = (results.prediction(CELL, clip) for results in (serial, other))
+        one, two = (results.prediction(METHOD, clip) for results in (serial, other))
         assert np.abs(one.frames.astype(int) - two.frames).max() <= 1
         assert one.motion is not None
         assert two.motion is not None

@@ -46,10 +46,10 @@ def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(
         out = tmp_path / device
         cli.main(["run", str(file), "--out", str(out), "--no-report", "--device", device])
         told[device] = json.loads((out / "protocol.json").read_text())
-        cell = json.loads((out / "svg/cell.json").read_text())
-        assert cell["status"] == "done"
-        assert cell["components"]["predictor"]["device"] in ("cpu", "cuda")
-        assert "parameters on " in cell["about"][0]
+        method = json.loads((out / "svg/method.json").read_text())
+        assert method["status"] == "done"
+        assert method["components"]["predictor"]["device"] in ("cpu", "cuda")
+        assert "parameters on " in method["about"][0]
     assert told["cpu"]["metrics"]["lpips"]["device"] == "cpu"
     assert "device" not in told["cpu"]["metrics"]["psnr"]
     assert told["cpu"]["id"] == told["auto"]["id"]

@@ -68,7 +68,7 @@ def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(
     tables = content(predictors={"noise": {"name": "toy-noise", "num_samples": 2}, **STILL})
     found = []
     for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
-        cells = go(tmp_path / name, tables, executor)
-        found.append([row for cell in cells for row in rows(tmp_path / name, cell)])
+        methods = go(tmp_path / name, tables, executor)
+        found.append([row for method in methods for row in rows(tmp_path / name, method)])
     assert found[0] == found[1]
     assert len(found[0]) == 5 * 2 * (2 + 1)

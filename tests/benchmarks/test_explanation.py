@@ -98,7 +98,7 @@ def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Ex
         metrics=shared["metrics"],
         versions={**shared["versions"], "numpy": "0.9"},
     )
-    edited(b / "still/cell.json", about=["svg weights x"])
+    edited(b / "still/method.json", about=["svg weights x"])
     lines = explained(a, b)
     assert any(
         line.endswith("in A, of squares in B.")

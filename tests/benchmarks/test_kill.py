@@ -15,7 +15,7 @@ import pytest
 from geovp_benchmarks import cli
 from tests.benchmarks.made import content, rows, write_matrix
 
-CELLS = ("steady--slide", "slow", "noise")
+METHODS = ("steady--slide", "slow", "noise")
 
 
 def matrix(folder: Path, sleep_s: float) -> Path:
@@ -70,16 +70,16 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
     done = sum(part.stat().st_size > 0 for part in (killed / "out").glob("*/scores/part-*.parquet"))
-    assert 4 <= done < 15, "killed in the middle: 3 cells of 5 parts each"
+    assert 4 <= done < 15, "killed in the middle: 3 methods of 5 parts each"
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
     scratch.write_bytes(b"half a part that a kill left behind")
     assert begin(killed, toys, sleep_s=0.15).wait() == 0
     assert (
         cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
     )
-    for cell in CELLS:
-        resumed = rows(killed / "out", cell)
-        assert resumed == rows(whole / "out", cell)
+    for method in METHODS:
+        resumed = rows(killed / "out", method)
+        assert resumed == rows(whole / "out", method)
         keys = [(row["clip"], row["sample"], row["step"], row["metric"]) for row in resumed]
         assert len(set(keys)) == len(keys)
         assert len({row["clip"] for row in resumed}) == 9

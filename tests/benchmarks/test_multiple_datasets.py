@@ -51,10 +51,13 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     assert ended.code == 1  # one row was skipped
     parts = Results(out).by_dataset()
     assert list(parts) == ["synthetic", "folder"]
-    cells = {label: {cell.label: cell for cell in part.cells()} for label, part in parts.items()}
+    methods = {
+        label: {method.label: method for method in part.methods()} for label, part in parts.items()
+    }
     row = "gt-3d + ground-far-plane"
     assert {
-        label: {name: cell.status for name, cell in own.items()} for label, own in cells.items()
+        label: {name: method.status for name, method in own.items()}
+        for label, own in methods.items()
     } == {
         "synthetic": {row: "done", "copy-last": "done"},
         "folder": {row: "skipped", "copy-last": "done"},
@@ -71,7 +74,7 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
         False,
         True,
     ] * 2  # it has no poses
-    assert f"- folder: {row}: skipped: {cells['folder'][row].reason}." in table
+    assert f"- folder: {row}: skipped: {methods['folder'][row].reason}." in table
     again = command("table", out).out
     assert table.strip() in again
     assert (
@@ -80,7 +83,7 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
         == 1
     )
     command("run", matrix_file, "--out", out, "--no-report")  # nothing is computed twice
-    assert Results(out / "folder").cell("copy-last") == cells["folder"]["copy-last"]
+    assert Results(out / "folder").method("copy-last") == methods["folder"]["copy-last"]
     assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused(
         "score", out
     )
@@ -101,8 +104,8 @@ def test_a_file_with_one_data_set_gives_what_it_gave(
     one, among = Results(tmp_path / "one"), Results(both / "synthetic")
     assert one.by_dataset() == {"": one}
     assert not (one.root / "datasets.json").exists()
-    for cell in one.cells():
-        assert rows(among.root, cell.name) == rows(one.root, cell.name)
+    for method in one.methods():
+        assert rows(among.root, method.name) == rows(one.root, method.name)
     protocols = [json.loads((part.root / "protocol.json").read_text()) for part in (one, among)]
     assert protocols[0]["fingerprint"] == protocols[1]["fingerprint"]
     assert protocols[0]["name"] == "both"

@@ -89,8 +89,8 @@ def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> Non
     )
     done = geovp(installed, toys, "run", str(path), "--out", str(tmp_path / "out"), "--no-report")
     assert done.returncode == 0, done.stderr
-    cell = Results(tmp_path / "out").cell("dark")
-    assert cell is not None
-    assert cell.components == {"predictor": {"name": "grey", "level": 13}}
+    method = Results(tmp_path / "out").method("dark")
+    assert method is not None
+    assert method.components == {"predictor": {"name": "grey", "level": 13}}
     # the real frames of steps 3 and 4 have the grey levels 3 and 4
     assert Results(tmp_path / "out").scores("dark").value.tolist() == [10.0, 9.0]

@@ -8,7 +8,7 @@ import pytest
 
 from geovp_benchmarks.matrix.components import nested, weights_of
 from geovp_benchmarks.results.provenance import id_notes, protocol_id
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.rescoring import rescore, stored_metrics
 from geovp_benchmarks.tables import formats, tables
 from tests.benchmarks.made import STILL, content, go
@@ -52,12 +52,12 @@ def test_another_protocol_has_another_id(change: dict[str, Any]) -> None:
 
 def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
     elsewhere = {**PROTOCOL["dataset"], "root": "/there", "with_full": True}
-    other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "cells": ["a"], "name": "other"}
+    other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "methods": ["a"], "name": "other"}
     assert protocol_id(other) == protocol_id(PROTOCOL)
     assert len(protocol_id(PROTOCOL)) == 8
 
 
-def cell(label: str, **record: Any) -> Cell:
+def method(label: str, **record: Any) -> Method:
     facts = {
         "label": label,
         "kind": "predictor",
@@ -66,19 +66,21 @@ def cell(label: str, **record: Any) -> Cell:
         "num_samples": 1,
         "num_clips": 2,
     }
-    return Cell.of(label, {**facts, "seconds": {}, "fingerprint": "f", "components": {}, **record})
+    return Method.of(
+        label, {**facts, "seconds": {}, "fingerprint": "f", "components": {}, **record}
+    )
 
 
 def test_a_row_of_another_protocol_is_named() -> None:
     own = protocol_id(PROTOCOL)
-    rows = [cell("same", protocol_id=own), cell("other", protocol_id="0000ffff")]
+    rows = [method("same", protocol_id=own), method("other", protocol_id="0000ffff")]
     protocol = {**PROTOCOL, "id": own}
     assert id_notes(rows[:1], protocol) == [f"Protocol id {own}."]
     assert id_notes(rows, protocol) == [f"Protocol id {own}, but of other 0000ffff."]
 
 
 @pytest.mark.usefixtures("toys")
-def test_cells_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
+def test_methods_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
     two = go(tmp_path / "two", content({"clips": 2}, predictors=STILL))["still"]
     three = go(tmp_path / "three", content({"clips": 3}, predictors=STILL))["still"]
     ids = [two.record["protocol_id"], three.record["protocol_id"]]

@@ -12,14 +12,14 @@ from geovp_benchmarks.results import kept_files, record_files
 from geovp_classic import files
 from geovp_classic.errors import BadData
 
-CELL = {
+METHOD = {
     "label": "x",
     "kind": "predictor",
     "status": "done",
     "privileged_inputs": ["PAST_POSES"],
     "num_samples": 1,
 }
-CELL |= {"num_clips": 2, "seconds": {}, "fingerprint": "f", "components": {}}
+METHOD |= {"num_clips": 2, "seconds": {}, "fingerprint": "f", "components": {}}
 FRAMES = np.zeros((1, 2, 4, 5, 3), np.uint8)
 POSES = np.tile(np.eye(4), (3, 1, 1))
 MOTION = {
@@ -32,15 +32,15 @@ MOTION |= {"is_metric": np.array(True)}
 CLIP = {"frames": FRAMES[0], "times_s": np.arange(2.0), "intrinsics": np.arange(6.0)}
 
 
-def cell(folder: Path, **changed: Any) -> dict[str, Any]:
-    (folder / "cell.json").write_bytes(files.json_bytes(CELL | changed))
-    return dict(record_files.cell(folder / "cell.json").record)
+def method(folder: Path, **changed: Any) -> dict[str, Any]:
+    (folder / "method.json").write_bytes(files.json_bytes(METHOD | changed))
+    return dict(record_files.method(folder / "method.json").record)
 
 
 @pytest.mark.parametrize("name", ["../up", "/root", "a\nb"])
 def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / "file.json"
-    path.write_bytes(files.json_bytes({"cells": ["x", name], "datasets": ["near", name]}))
+    path.write_bytes(files.json_bytes({"methods": ["x", name], "datasets": ["near", name]}))
     with pytest.raises(BadData, match=r"file\.json: the method .*"):
         record_files.protocol(path)
     with pytest.raises(BadData, match=r"file\.json: the data set .*"):
@@ -90,19 +90,19 @@ def test_what_a_run_keeps_is_read(more: dict[str, Any], is_clip: bool, tmp_path:
 def test_a_value_of_another_kind_is_refused_with_its_key(
     changed: dict[str, Any], tmp_path: Path
 ) -> None:
-    assert cell(tmp_path, peak_memory_mb=3, unknown=[1]) == CELL | {
+    assert method(tmp_path, peak_memory_mb=3, unknown=[1]) == METHOD | {
         "peak_memory_mb": 3,
         "unknown": [1],
     }
-    with pytest.raises(BadData, match=rf"cell\.json: {next(iter(changed))} is .* expected"):
-        cell(tmp_path, **changed)
+    with pytest.raises(BadData, match=rf"method\.json: {next(iter(changed))} is .* expected"):
+        method(tmp_path, **changed)
 
 
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "cell.json"
-    path.write_bytes(files.json_bytes({key: CELL[key] for key in CELL if key != "kind"}))
-    with pytest.raises(BadData, match=r"cell\.json has no 'kind'"):
-        record_files.cell(path)
+    path = tmp_path / "method.json"
+    path.write_bytes(files.json_bytes({key: METHOD[key] for key in METHOD if key != "kind"}))
+    with pytest.raises(BadData, match=r"method\.json has no 'kind'"):
+        record_files.method(path)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
 def test_every_row_is_done_under_the_protocols_choices(done: tuple[int, Results]) -> None:
     code, results = done
     assert code == 0
-    assert [cell.label for cell in results.cells()] == [
+    assert [method.label for method in results.methods()] == [
         "gt-3d + fusion",
         "gt-3d + ground-far-plane",
         "vo+prior + fusion",
@@ -75,8 +75,8 @@ def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Result
 
 def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> None:
     means = {
-        cell.name: statistics.cube(done[1].scores(cell.name), "ms-ssim").values.mean()
-        for cell in done[1].cells()
+        method.name: statistics.cube(done[1].scores(method.name), "ms-ssim").values.mean()
+        for method in done[1].methods()
     }
     assert means["gt-3d--fusion"] > means["copy-last"] + 0.2
 

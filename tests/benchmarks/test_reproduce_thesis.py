@@ -53,7 +53,7 @@ def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
     shared = done[1].protocol()
     assert (shared["num_past"], shared["num_future"], shared["size_px"]) == (10, 20, [256, 256])
     assert shared["clips"] == ["07/000000", "10/000000"]
-    assert {cell.name: (cell.status, cell.num_samples) for cell in done[1].cells()} == {
+    assert {method.name: (method.status, method.num_samples) for method in done[1].methods()} == {
         "svg-1": ("done", 1),
         "svg-100": ("done", 2),
         "gt-3d+ground-far-plane": ("done", 1),

@@ -181,8 +181,8 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
 def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    left = tmp_path / f"cell/scores/.part-00004.parquet.{ended.pid}.part"
-    living = tmp_path / "cell/.cell.json.1.part"
+    left = tmp_path / f"method/scores/.part-00004.parquet.{ended.pid}.part"
+    living = tmp_path / "method/.method.json.1.part"
     for path in (left, living):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"half")
@@ -217,9 +217,9 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ('{"cells": ["../../etc"], "clips": []}', "'../../etc' leads out of its folder"),
-        ('{"cells": [], "clips": []}', "protocol.json has no '"),
-        ('{"cells": ' + "[" * 100_000, "protocol.json is not JSON"),
+        ('{"methods": ["../../etc"], "clips": []}', "'../../etc' leads out of its folder"),
+        ('{"methods": [], "clips": []}', "protocol.json has no '"),
+        ('{"methods": ' + "[" * 100_000, "protocol.json is not JSON"),
         ("{", "protocol.json is not JSON"),
     ],
     ids=["leads out", "half its keys", "deep", "cut off"],

@@ -21,8 +21,8 @@ from tests.benchmarks.made import STILL, content, crossed, go, rows, values
 @pytest.mark.usefixtures("toys")
 class TestRows:
     def test_one_row_per_clip_sample_step_and_metric(self, tmp_path: Path) -> None:
-        cells = go(tmp_path, content(predictors=STILL))
-        assert (cells["still"].status, cells["still"].num_clips) == ("done", 5)
+        methods = go(tmp_path, content(predictors=STILL))
+        assert (methods["still"].status, methods["still"].num_clips) == ("done", 5)
         # the last seen frame is 1 and 2 levels darker than the next ones
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
         own = {"clip": "road/000", "sample": 0, "step": 2}
@@ -49,43 +49,56 @@ class TestRows:
             tmp_path / "out",
             content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")),
         )
-        # four cells that show the same images: all pixels, covered, seen, disoccluded
+        # four methods that show the same images: all pixels, covered, seen, disoccluded
         assert log.read_text().split() == ["over-4"]
-        for cell in ("a--r", "b--q"):
+        for method in ("a--r", "b--q"):
             for suffix in ("", "@covered", "@seen", "@disoccluded"):
-                together = values(tmp_path / "out", cell, f"toy-together{suffix}")
-                assert together == values(tmp_path / "out", cell, f"toy-difference{suffix}")
+                together = values(tmp_path / "out", method, f"toy-together{suffix}")
+                assert together == values(tmp_path / "out", method, f"toy-difference{suffix}")
 
     def test_parts_share_motions_and_scenes(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
-        cells = go(tmp_path / "out", content({"clips": 1}, **crossed(log)))
-        assert [cell.status for cell in cells.values()] == ["done"] * 4
-        # two sources, two renderers, four cells, and both sources have the same past
+        methods = go(tmp_path / "out", content({"clips": 1}, **crossed(log)))
+        assert [method.status for method in methods.values()] == ["done"] * 4
+        # two sources, two renderers, four methods, and both sources have the same past
         assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
-        assert set(cells["a--r"].seconds) == {"observe", "motion", "reconstruct", "view", "metrics"}
+        assert set(methods["a--r"].seconds) == {
+            "observe",
+            "motion",
+            "reconstruct",
+            "view",
+            "metrics",
+        }
 
     @pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
-    def test_a_small_cell_is_not_charged_with_the_large_one_before_it(self, tmp_path: Path) -> None:
+    def test_a_small_method_is_not_charged_with_the_large_one_before_it(
+        self, tmp_path: Path
+    ) -> None:
         sizes_mb = {"large": 300, "small": 1}
         predictors = {
             name: {"name": "toy-hoard", "megabytes": size} for name, size in sizes_mb.items()
         }
         records = {
-            name: cell.record for name, cell in go(tmp_path, content(predictors=predictors)).items()
+            name: method.record
+            for name, method in go(tmp_path, content(predictors=predictors)).items()
         }
         assert list(records) == ["large", "small"]
         assert records["large"]["peak_memory_mb"] - records["small"]["peak_memory_mb"] > 200
         assert (records["large"]["peak_is_own"], records["small"]["peak_is_own"]) == (True, True)
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
-        cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
-        assert cells["a--r"].privileged_inputs == ["PAST_POSES"]
-        assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == (
+        methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
+        assert methods["a--r"].privileged_inputs == ["PAST_POSES"]
+        assert (
+            methods["a--r"].pose_source,
+            methods["a--r"].renderer,
+            methods["still"].pose_source,
+        ) == (
             "a",
             "r",
             None,
         )
-        assert cells["still"].components == {
+        assert methods["still"].components == {
             "predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}
         }
         protocol = Results(tmp_path).protocol()
@@ -121,7 +134,7 @@ class TestAgain:
         assert len(log.read_text().split()) == 5
         assert rows(tmp_path, "still") == before
 
-    def test_only_the_cell_that_changed_is_computed_again(self, tmp_path: Path) -> None:
+    def test_only_the_method_that_changed_is_computed_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(
             predictors={
@@ -132,9 +145,9 @@ class TestAgain:
         go(tmp_path, tables)
         before = rows(tmp_path, "noise")
         tables["predictors"]["noise"]["seed"] = 1
-        cells = go(tmp_path, tables)
+        methods = go(tmp_path, tables)
         assert len(log.read_text().split()) == 5
-        assert cells["noise"].components["predictor"]["seed"] == 1
+        assert methods["noise"].components["predictor"]["seed"] == 1
         assert rows(tmp_path, "noise") != before
         assert len(rows(tmp_path, "noise")) == len(before)
 
@@ -220,22 +233,24 @@ class TestAgain:
 class TestFailures:
     def test_a_failure_is_recorded_and_the_matrix_goes_on(self, tmp_path: Path) -> None:
         names = ("broken", "misfit", "small", "uninstalled", "still")
-        cells = go(tmp_path, content(predictors={name: {"name": f"toy-{name}"} for name in names}))
-        assert [cells[name].status for name in names] == [
+        methods = go(
+            tmp_path, content(predictors={name: {"name": f"toy-{name}"} for name in names})
+        )
+        assert [methods[name].status for name in names] == [
             "failed",
             "skipped",
             "failed",
             "skipped",
             "done",
         ]
-        assert cells["broken"].reason == "ZeroDivisionError: the road ended"
-        assert "the road ended" in cells["broken"].record["traceback"]
-        assert cells["misfit"].reason == "misfits need a square road: give one"
+        assert methods["broken"].reason == "ZeroDivisionError: the road ended"
+        assert "the road ended" in methods["broken"].record["traceback"]
+        assert methods["misfit"].reason == "misfits need a square road: give one"
         assert (
-            cells["small"].reason
+            methods["small"].reason
             == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
         )
-        assert "package_that_nobody_has" in cells["uninstalled"].reason
+        assert "package_that_nobody_has" in methods["uninstalled"].reason
 
     def test_a_clip_that_fails_is_scored_as_a_copy_and_tried_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
@@ -247,9 +262,9 @@ class TestFailures:
         tables = content(
             {"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}}
         )
-        cell = go(tmp_path, tables, keep=0)["broken"]
-        assert (cell.status, cell.num_clips, cell.num_failed) == ("done", 5, 2)
-        assert "the road ended" in cell.record["traceback"]
+        method = go(tmp_path, tables, keep=0)["broken"]
+        assert (method.status, method.num_clips, method.num_failed) == ("done", 5, 2)
+        assert "the road ended" in method.record["traceback"]
         reason = "ZeroDivisionError: the road ended"
         assert Results(tmp_path).failures("broken") == {"road/003": reason, "road/004": reason}
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
@@ -284,12 +299,12 @@ class TestFailures:
         assert log.read_text() == tried
 
     def test_a_plug_in_without_needs_fails_alone(self, tmp_path: Path) -> None:
-        cells = go(
+        methods = go(
             tmp_path,
             content(predictors={"odd": {"name": "toy-needless"}, "still": {"name": "toy-still"}}),
         )
-        assert (cells["odd"].status, cells["still"].status) == ("failed", "done")
-        assert "'odd' does not say what it needs" in cells["odd"].reason
+        assert (methods["odd"].status, methods["still"].status) == ("failed", "done")
+        assert "'odd' does not say what it needs" in methods["odd"].reason
 
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"
@@ -313,11 +328,11 @@ class TestFailures:
         tables = content({"broken_clip": 4}, predictors=STILL)
         with pytest.raises(BadData, match=r"road/004\.png is truncated"):
             go(tmp_path, tables)
-        cell = Results(tmp_path).cell("still")
-        assert cell is not None
-        assert (cell.status, cell.num_clips) == ("partial", 4)
+        method = Results(tmp_path).method("still")
+        assert method is not None
+        assert (method.status, method.num_clips) == ("partial", 4)
 
-    def test_rows_of_another_machine_stay_when_their_cell_cannot_be_built_here(
+    def test_rows_of_another_machine_stay_when_their_method_cannot_be_built_here(
         self, tmp_path: Path
     ) -> None:
         tables = content(
@@ -325,10 +340,10 @@ class TestFailures:
         )
         go(tmp_path, tables)
         shutil.copytree(tmp_path / "still/scores", tmp_path / "gone/scores")
-        there = json.loads((tmp_path / "still/cell.json").read_text())
-        here = json.loads((tmp_path / "gone/cell.json").read_text())
+        there = json.loads((tmp_path / "still/method.json").read_text())
+        here = json.loads((tmp_path / "gone/method.json").read_text())
         record = {**there, **{key: here[key] for key in ("label", "asked")}}
-        Results(tmp_path).write_cell("gone", record)
+        Results(tmp_path).write_method("gone", record)
         assert go(tmp_path, tables)["gone"].status == "done"
         assert len(rows(tmp_path, "gone")) == 10
         tables["predictors"]["gone"]["seed"] = 3
@@ -369,8 +384,8 @@ def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> N
         go(tmp_path / "one", tables),
         go(tmp_path / "two", tables, executor=Processes(workers=2)),
     )
-    for name, cell in alone.items():
-        assert (cell.status, cell.reason) == (together[name].status, together[name].reason)
+    for name, method in alone.items():
+        assert (method.status, method.reason) == (together[name].status, together[name].reason)
         assert rows(tmp_path / "one", name) == rows(tmp_path / "two", name)
 
 

@@ -25,7 +25,7 @@ CLIPS = [
 def fill(
     root: Path, rows: Mapping[str, Sequence[float | None]], kinds: dict[str, str], num_past: int = 3
 ) -> Results:
-    """The PSNR of each cell's clips, as many metres of error, and none of the last clip where one
+    """The PSNR of each method's clips, as many metres of error, and none of the last clip where one
     is missing.
     """
     results = Results(root)
@@ -138,9 +138,9 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: 
     rows = results.scores("copy-last").of_metrics(["psnr"])
     worst = sorted(rows.clip.categories, key=lambda clip: rows.of_clips([clip]).value.mean())[:3]
     assert results.protocol()["kept"] == {"by": "worst PSNR of copy-last", "clips": worst}
-    for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
-        assert {clip for clip, _ in results.predictions(cell)} == set(worst)
-        assert len(results.scores(cell).clip.categories) == 5
+    for method in ("still--far", "copy-last"):  # all rows, not only the one that chose
+        assert {clip for clip, _ in results.predictions(method)} == set(worst)
+        assert len(results.scores(method).clip.categories) == 5
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert "Clips were kept as worst PSNR of copy-last." in page
     assert set(re.findall(r"<h3>(seed[^<]*)</h3>", page)) == set(worst)

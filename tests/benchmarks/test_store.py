@@ -38,7 +38,7 @@ def values(results: Results) -> list[float | None]:
 
 def begun(root: Path, fingerprint: str = "f") -> Results:
     results = Results(root)
-    results.write_protocol({"cells": ["x", "y"], "clips": ["a", "b", "it's"]})
+    results.write_protocol({"methods": ["x", "y"], "clips": ["a", "b", "it's"]})
     write_row(results, "x", fingerprint=fingerprint, status="partial")
     return results
 
@@ -115,11 +115,11 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
         assert sorted(clip for part in results.parts("x") for clip in part.clips) == ["a", "b"]
         results.merge("x")
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
-    results.write_protocol({"cells": ["x"], "clips": ["c"]})
+    results.write_protocol({"methods": ["x"], "clips": ["c"]})
     assert values(results) == [1.0]  # clips that are not wanted now are still stored
 
 
-def test_scores_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
+def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
     results = begun(tmp_path, fingerprint="new")
     file_of(results, rows_of("a", 1.0), ("a",), "old", {}, {}, 0.0)
     cut = file_of(results, rows_of("b", 2.0), ("b",), "new", {}, {}, 0.0)
@@ -182,12 +182,12 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "cell.json"
+    path = tmp_path / "method.json"
     write_bytes(path, b"old")
     with pytest.raises(ValueError, match="float"):
-        Results(tmp_path.parent).write_cell(tmp_path.name, {"seconds": float("nan")})
+        Results(tmp_path.parent).write_method(tmp_path.name, {"seconds": float("nan")})
     assert path.read_bytes() == b"old"
-    assert [each.name for each in tmp_path.iterdir()] == ["cell.json"]
+    assert [each.name for each in tmp_path.iterdir()] == ["method.json"]
 
 
 def test_a_pickle_is_not_read(tmp_path: Path) -> None:
@@ -212,7 +212,7 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
         assert results.by_dataset() == {"": results}
 
 
-def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
+def test_methods_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
     results.write_part("x", rows(1.0), Part(("a",), "old", {}, {}, 0.0))
     results.swap("x", "old", "new")
@@ -237,7 +237,7 @@ def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path
     assert results.with_rows_of("x", "0123456789abcdef0").root.name == "0123456789abcdef"
 
 
-def test_damaged_kept_files_are_set_aside_by_cell_or_for_all(tmp_path: Path) -> None:
+def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_clip(clip())
     results.write_prediction("x", "good", Prediction(clip().frames[None]))

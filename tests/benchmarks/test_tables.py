@@ -40,7 +40,7 @@ METRICS = {
 def write(
     results: Results, name: str, values: dict[tuple[str, int, str], float | None], **record: Any
 ) -> None:
-    """A cell with values at one step by clip, sample and metric."""
+    """A method with values at one step by clip, sample and metric."""
     write_row(
         results,
         name,
@@ -51,7 +51,7 @@ def write(
 
 @pytest.fixture
 def results(tmp_path: Path) -> Results:
-    """Two clips; `sharp` is better in PSNR, `still` in the error; one cell of each other status."""
+    """Two clips; `sharp` is better in PSNR, `still` in the error; one method of each other status."""
     results = Results(tmp_path)
     road = {"name": "road", "split": "test"}
     write_protocol(

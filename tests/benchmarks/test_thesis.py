@@ -12,7 +12,7 @@ from tests.benchmarks.made import scores, write_protocol, write_row
 
 VO = {"name": "chained", "odometry": {"name": "monocular"}}
 GT = {"name": "ground-truth"}
-CELLS: dict[
+METHODS: dict[
     str, tuple[dict[str, Any], int, float]
 ] = {  # name: (components, samples, PSNR of the first sample)
     "copy-last": ({"predictor": {"name": "copy-last"}}, 1, 14.0),
@@ -60,8 +60,8 @@ def results(tmp_path: Path) -> Results:
         "dataset": {"name": "kitti", "split": "test"},
         "metrics": {},
     }
-    write_protocol(results, [*CELLS, "slamp-1"], "xy", **protocol, size_px=[256, 256])
-    for name, (components, samples, psnr) in CELLS.items():
+    write_protocol(results, [*METHODS, "slamp-1"], "xy", **protocol, size_px=[256, 256])
+    for name, (components, samples, psnr) in METHODS.items():
         lines = [
             (clip, sample, 1, metric, (psnr + sample + offset) * scale)
             for clip, offset in (("x", 0.0), ("y", 0.5))
@@ -177,10 +177,10 @@ def test_the_published_block_has_the_thesiss_bold_cells_and_no_others(results: R
 
 def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) -> None:
     for name in ("crossed", "flat"):
-        cell = results.cell(name)
-        assert cell is not None
-        results.write_cell(
-            name, {**cell.record, "privileged_inputs": ["PAST_POSES", "FUTURE_POSES"]}
+        method = results.method(name)
+        assert method is not None
+        results.write_method(
+            name, {**method.record, "privileged_inputs": ["PAST_POSES", "FUTURE_POSES"]}
         )
     best = [
         ("x", 0, 1, "psnr", 40.0),

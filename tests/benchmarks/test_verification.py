@@ -30,16 +30,16 @@ def verified(command: Command) -> Verified:
     return run
 
 
-def shift(root: Path, cell: str, clip: str, metric: str, by: float) -> None:
+def shift(root: Path, method: str, clip: str, metric: str, by: float) -> None:
     """Change one stored value by hand."""
     results = Results(root)
-    part = next(part for part in results.parts(cell) if clip in part.clips)
-    lines = [row for row in dicts(results.scores(cell)) if row["clip"] in part.clips]
+    part = next(part for part in results.parts(method) if clip in part.clips)
+    lines = [row for row in dicts(results.scores(method)) if row["clip"] in part.clips]
     changed = next(
         row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2)
     )
     changed["value"] += by
-    results.write_part(cell, scores(row.values() for row in lines), part)
+    results.write_part(method, scores(row.values() for row in lines), part)
 
 
 @pytest.mark.usefixtures("toys")

@@ -99,10 +99,10 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     out = tmp_path / "out"
     assert cli.main(["run", str(tmp_path / "dusk.toml"), "--out", str(out), "--no-report"]) == 0
     built_matrix.build_matrix.cache_clear()
-    cell = Results(out).cell("dusk")
-    assert cell.status == "done"
-    assert cell.components["predictor"]["noise"] == 0.1
-    assert cell.components["predictor"]["device"] in ("cpu", "cuda")
+    method = Results(out).method("dusk")
+    assert method.status == "done"
+    assert method.components["predictor"]["noise"] == 0.1
+    assert method.components["predictor"]["device"] in ("cpu", "cuda")
 
 
 LOAD = EntryPoint.load

@@ -60,8 +60,8 @@ def rankings(results: Results, metric: str) -> list[Ranking]:
 
 
 def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
-    for cell in results.cells():
-        rows, failed = results.scores(cell.name), results.failures(cell.name)
+    for method in results.methods():
+        rows, failed = results.scores(method.name), results.failures(method.name)
         sure, score = statistics.cube(rows, CONFIDENCE), statistics.cube(rows, metric)
         clips = [clip for clip in sure.clips if clip in score.clips and clip not in failed]
         if clips:
@@ -72,7 +72,7 @@ def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
             within = [spearman(one[..., step], other[..., step]) for step in steps]
             mean = float(np.mean([value for value in within if np.isfinite(value)] or [np.nan]))
             yield Ranking(
-                cell.label, len(clips), spearman(one, other), spearman(earlier, other), mean
+                method.label, len(clips), spearman(one, other), spearman(earlier, other), mean
             )
 
 

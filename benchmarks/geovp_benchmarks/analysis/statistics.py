@@ -20,7 +20,7 @@ KIND = "± is one standard error of the mean over clips (sample standard deviati
 
 @dataclass(frozen=True)
 class Cube:
-    """All values of one metric in one cell; NaN where a value is not defined."""
+    """All values of one metric in one method; NaN where a value is not defined."""
 
     clips: tuple[str, ...]
     values: FloatArray  # [N, S, F]
@@ -41,7 +41,7 @@ class Estimate:
 
 
 def cube(rows: Rows, metric: str) -> Cube:
-    """Return the values of one metric from the rows of one cell; clips in the order of the rows,
+    """Return the values of one metric from the rows of one method; clips in the order of the rows,
     steps 1..F.
     """
     rows = rows.of_metrics((metric,))

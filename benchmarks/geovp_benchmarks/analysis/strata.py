@@ -15,7 +15,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import COVERAGE
-from geovp_benchmarks.results.store import Cell, Results, Rows
+from geovp_benchmarks.results.store import Method, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 
@@ -70,26 +70,26 @@ class ClipSubset(Results):
             "clips": clips,
         }
 
-    def cells(self) -> list[Cell]:
+    def methods(self) -> list[Method]:
         """Return what holds for all clips, with the number of the chosen ones that have rows."""
         return [
             dataclasses.replace(
-                cell,
-                num_clips=len(self.scores(cell.name).clip.categories),
-                num_failed=len(self.failures(cell.name)),
+                method,
+                num_clips=len(self.scores(method.name).clip.categories),
+                num_failed=len(self.failures(method.name)),
             )
-            for cell in super().cells()
+            for method in super().methods()
         ]
 
-    def failures(self, cell: str) -> dict[str, str]:
+    def failures(self, method: str) -> dict[str, str]:
         """Return those of the chosen clips."""
         return {
-            clip: reason for clip, reason in super().failures(cell).items() if clip in self.chosen
+            clip: reason for clip, reason in super().failures(method).items() if clip in self.chosen
         }
 
-    def scores(self, cell: str) -> Rows:
+    def scores(self, method: str) -> Rows:
         """Return the chosen clips' rows."""
-        return super().scores(cell).of_clips(self.chosen)
+        return super().scores(method).of_clips(self.chosen)
 
 
 def divide(results: Results, by: str) -> list[ClipSubset]:
@@ -137,10 +137,12 @@ def _facts(results: Results, fact: str) -> tuple[Mapping[str, float], str]:
     }
     if facts or fact != "seen":
         return facts, ""
-    for cell in (
-        cell for cell in results.cells() if cell.kind == "geometric" and cell.status == "done"
+    for method in (
+        method
+        for method in results.methods()
+        if method.kind == "geometric" and method.status == "done"
     ):
-        cube = statistics.cube(results.scores(cell.name), COVERAGE)
+        cube = statistics.cube(results.scores(method.name), COVERAGE)
         shares = statistics.mean_of_samples(cube, True).mean(axis=1)
-        return dict(zip(cube.clips, shares.tolist(), strict=True)), f", as {cell.label} covers it"
+        return dict(zip(cube.clips, shares.tolist(), strict=True)), f", as {method.label} covers it"
     return {}, ""

@@ -12,7 +12,7 @@ from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.protocols import Protocol
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results import provenance
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import legend, marks, summary, title
 from geovp_benchmarks.tables import thesis
 from geovp_benchmarks.tables.formats import grid
@@ -66,12 +66,17 @@ def markdown(name: str, results: Results) -> str:
     """Both blocks, with notes."""
     protocol, published = protocols.load(name), thesis.published(name)
     shared = results.protocol()
-    done = [cell for cell in results.cells() if cell.num_clips]
+    done = [method for method in results.methods() if method.num_clips]
     names = {
-        cell.name: f"{cell.label} [{marks(cell)}]" if cell.privileged_inputs else cell.label
-        for cell in done
+        method.name: f"{method.label} [{marks(method)}]"
+        if method.privileged_inputs
+        else method.label
+        for method in done
     }
-    ours = {names[cell.name]: _values(protocol, results, cell, published["scale"]) for cell in done}
+    ours = {
+        names[method.name]: _values(protocol, results, method, published["scale"])
+        for method in done
+    }
     theirs = {
         row["name"]: [float(value) for metric in protocol.metrics for value in row.get(metric, ())]
         for row in published["row"]
@@ -104,9 +109,9 @@ def first_frames_means(
     return np.stack([values[:, :k].mean(axis=1) for k in horizons or (values.shape[1],)], axis=1)
 
 
-def _values(protocol: Protocol, results: Results, cell: Cell, scale: float) -> list[float]:
+def _values(protocol: Protocol, results: Results, method: Method, scale: float) -> list[float]:
     """Means over clips: of each metric, each horizon."""
-    rows, values = results.scores(cell.name), []
+    rows, values = results.scores(method.name), []
     abouts = results.protocol()["metrics"]
     for metric in protocol.metrics:
         cube = statistics.cube(rows, metric)
@@ -144,26 +149,26 @@ def _block(
 
 def _notes(protocol: Protocol, results: Results) -> list[str]:
     """What stands in the way of comparing the two blocks."""
-    shared, cells = results.protocol(), results.cells()
+    shared, methods = results.protocol(), results.methods()
     notes = [f"- Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(shared["clips"])):
         notes.append(
             f"- {len(shared['clips'])} clips, not the protocol's {protocol.num_clips:,}: not "
             "comparable yet."
         )
-    notes += [f"- {note}" for note in legend(cells, ", unlike below")]
+    notes += [f"- {note}" for note in legend(methods, ", unlike below")]
     for metric in protocol.metrics:
         about = shared["metrics"][metric]
         notes.append(f"- {title(metric)}: {about['unavailable'] or about['definition']}.")
-    for cell in cells:
-        if cell.status != "done" or cell.num_clips < len(shared["clips"]):
+    for method in methods:
+        if method.status != "done" or method.num_clips < len(shared["clips"]):
             notes.append(
-                f"- {cell.label}: {cell.status} on {cell.num_clips} clips: "
-                f"{cell.reason or 'run again'}."
+                f"- {method.label}: {method.status} on {method.num_clips} clips: "
+                f"{method.reason or 'run again'}."
             )
     return notes + [
         f"- {note}"
-        for note in (*provenance.weights_notes(cells), *provenance.id_notes(cells, shared))
+        for note in (*provenance.weights_notes(methods), *provenance.id_notes(methods, shared))
     ]
 
 

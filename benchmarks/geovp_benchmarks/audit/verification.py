@@ -15,7 +15,7 @@ from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
-from geovp_benchmarks.results.store import Cell, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results, Rows
 from geovp_benchmarks.running.built_matrix import BuiltMatrix, Task, build_matrix, compute
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
@@ -28,14 +28,14 @@ class Stored:
     """One clip's stored rows in one row of the table."""
 
     results: Results
-    cell: Cell
+    method: Method
     part: Part
     clip: str
 
     @property
     def rows(self) -> Rows:
         """The clip's rows."""
-        return self.results.scores(self.cell.name).of_clips((self.clip,))
+        return self.results.scores(self.method.name).of_clips((self.clip,))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Verdict:
         )
         if self.code and self.code != self.stored.part.code:
             parts.append(f"stored by code {self.stored.part.code}, here it is {self.code}")
-        return f"{self.stored.cell.label}, {self.stored.clip}: {'; '.join(filter(None, parts))}"
+        return f"{self.stored.method.label}, {self.stored.clip}: {'; '.join(filter(None, parts))}"
 
 
 def largest(results: Results, verdicts: Sequence[Verdict]) -> str:
@@ -109,9 +109,9 @@ def sample(results: Results, count: int, seed: int) -> list[Stored]:
     folder.
     """
     pairs = [
-        Stored(results, cell, part, clip)
-        for cell in results.cells()
-        for part in results.parts(cell.name)
+        Stored(results, method, part, clip)
+        for method in results.methods()
+        for part in results.parts(method.name)
         for clip in part.clips
     ]
     if not pairs:
@@ -143,7 +143,7 @@ def check_dataset(results: Results, root: Path | None) -> None:
 
 def verify(stored: Stored, root: Path | None = None) -> Verdict:
     """Compute stored rows again, twice where they differ; nothing is written into the results."""
-    announce(f"{stored.clip}, {stored.cell.label}")
+    announce(f"{stored.clip}, {stored.method.label}")
     try:
         built = build_matrix(_matrix(stored.results, root, stored).to_json())
         (plan,) = built.matrix.methods
@@ -173,11 +173,11 @@ def other_versions(results: Results) -> Iterator[str]:
 def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -> Matrix:
     """The matrix of one stored row with its resolved settings; of none, the protocol alone."""
     protocol = results.protocol()
-    spec = {} if stored is None else stored.cell.components
+    spec = {} if stored is None else stored.method.components
     metrics = {} if stored is None else stored.part.metrics
     roles = {name: protocol["metrics"][name]["role"] for name in metrics}
-    cell = None if stored is None else stored.cell
-    count = 1 if cell is None else cell.num_samples
+    method = None if stored is None else stored.method
+    count = 1 if method is None else method.num_samples
     fields = {
         "name": protocol["name"],
         "dataset": protocol["dataset"],
@@ -185,12 +185,12 @@ def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -
         "num_future": protocol["num_future"],
         "size_px": tuple(protocol["size_px"]),
         "stride": protocol["stride"],
-        "pose_sources": {str(cell.pose_source): {**spec["pose_source"], "num_samples": count}}
-        if cell and cell.pose_source
+        "pose_sources": {str(method.pose_source): {**spec["pose_source"], "num_samples": count}}
+        if method and method.pose_source
         else {},
-        "renderers": {str(cell.renderer): spec["renderer"]} if cell and cell.renderer else {},
-        "predictors": {cell.name: {**spec["predictor"], "num_samples": count}}
-        if cell and "predictor" in spec
+        "renderers": {str(method.renderer): spec["renderer"]} if method and method.renderer else {},
+        "predictors": {method.name: {**spec["predictor"], "num_samples": count}}
+        if method and "predictor" in spec
         else {},
         "frame_metrics": {name: spec for name, spec in metrics.items() if roles[name] == "frame"},
         "trajectory_metrics": {
@@ -204,16 +204,16 @@ def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> 
     """The rows of the clip as they come out here; GeovpError when the prediction fails as it did
     not before.
     """
-    name, clips = stored.cell.name, stored.results.protocol()["clips"]
+    name, clips = stored.method.name, stored.results.protocol()["clips"]
     with tempfile.TemporaryDirectory() as folder:
         fresh = Results(Path(folder))
-        fresh.write_cell(name, stored.cell.record)
+        fresh.write_method(name, stored.method.record)
         task = Task(
             matrix=built.matrix.to_json(),
             root=folder,
             clips={clips.index(stored.clip): stored.clip},
-            cells=built.matrix.methods,
-            fingerprints={name: stored.cell.fingerprint},
+            methods=built.matrix.methods,
+            fingerprints={name: stored.method.fingerprint},
             columns=tuple(column for column in built.metrics.built if column not in missing),
             kept=frozenset(),
         )

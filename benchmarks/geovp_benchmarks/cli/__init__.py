@@ -26,7 +26,7 @@ from geovp_classic.errors import GeovpError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota, a file's largest size
 LONGEST = 2000  # of a sentence, which may quote a number of 5,000 digits
-DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130  # 1: some cells are not done
+DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130  # 1: some methods are not done
 VERBS: tuple[str, ...] = (
     "run",
     "table",

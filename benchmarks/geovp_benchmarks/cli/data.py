@@ -59,8 +59,8 @@ def _examine_results(root: Path, as_json: bool) -> int:
     lacks = []
     for label, results in Results(root).by_dataset().items():
         protocol = results.protocol()
-        for name in protocol["cells"]:
-            record = results.cell(name)
+        for name in protocol["methods"]:
+            record = results.method(name)
             if record is not None and record.status == "skipped":  # it has no scores to lack
                 continue
             method = f"{label}/{name}" if label else name

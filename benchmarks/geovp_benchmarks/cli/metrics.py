@@ -33,9 +33,9 @@ def run(chosen: argparse.Namespace) -> int:
     for one, other in found:
         own = list(explanation.own(one, other))
         names = (
-            one.cell.label
-            if one.cell.label == other.cell.label
-            else f"{one.cell.label} (A), {other.cell.label} (B)"
+            one.method.label
+            if one.method.label == other.method.label
+            else f"{one.method.label} (A), {other.method.label} (B)"
         )
         print(
             f"\n{names}",

@@ -15,7 +15,7 @@ from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
-    from geovp_benchmarks.results.store import Cell, Results
+    from geovp_benchmarks.results.store import Method, Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +74,7 @@ def run(chosen: argparse.Namespace) -> int:
     matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.methods)
     matrix = matrix.with_device(chosen.device)
     results = Results(chosen.out or Path("results") / chosen.name)
-    cells = _fill(matrix, results, chosen)
+    methods = _fill(matrix, results, chosen)
     texts = {ending: render(results) for ending, render in reproduction.TABLES[chosen.name].items()}
     formats.write_all(results)
     for ending, text in texts.items():
@@ -85,12 +85,12 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.name == "thesis":
         print(*thesis.figures(drawn), sep="\n")
     print(f"tables: {results.tables}\nplots:  {results.plots}")
-    return int(any(cell.status != "done" for cell in cells))
+    return int(any(method.status != "done" for method in methods))
 
 
-def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Cell]:
-    """All cells, with the clips that `--keep` asks for; a rule can only be followed once there are
-    scores.
+def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Method]:
+    """All methods, with the clips that `--keep` asks for; a rule needs scores
+    first.
     """
     from geovp_benchmarks.cli.run import executor_of, keep_rule
     from geovp_benchmarks.running.planning import Options
@@ -100,10 +100,10 @@ def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[
     keep, executor = keep_rule(chosen.keep, matrix), executor_of(chosen.workers)
     with progress_bar(chosen.name, "predictions") as progress:
         first = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep)
-        cells = fill(matrix, results, first, executor, progress)
+        methods = fill(matrix, results, first, executor, progress)
     if isinstance(keep, Ranking):
         with progress_bar("selected clips", "predictions") as progress:
-            cells = fill(
+            methods = fill(
                 matrix, results, Options(chosen.limit, keep.choose(results)), executor, progress
             )
-    return cells
+    return methods

@@ -16,7 +16,7 @@ from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
-    from geovp_benchmarks.results.store import Cell, Results
+    from geovp_benchmarks.results.store import Method, Results
     from geovp_benchmarks.running.executors import Executor
     from geovp_benchmarks.running.locking import Claim
     from geovp_benchmarks.running.selection import Ranking, Selection
@@ -90,7 +90,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
-    """Compute the cells of one data set while no other protocol's run may; the exit code."""
+    """Compute the methods of one data set while no other protocol's run may; the exit code."""
     from geovp_benchmarks.running.locking import results_lock, unclaimed
 
     with nullcontext(unclaimed) if chosen.dry_run else results_lock(results.root) as claim:
@@ -115,7 +115,7 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
             print(*dry_run.describe(plan, rows, chosen.workers or 1), sep="\n")
             return 0
         executor, before = executor_of(chosen.workers, chosen.scheduler), results.set_aside()
-        cells = fill(matrix, results, options, executor, progress)
+        methods = fill(matrix, results, options, executor, progress)
     if results.set_aside() - before:
         kept = results.root / "earlier"
         say.warning(
@@ -126,24 +126,24 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
         try:
             options = dataclasses.replace(options, keep=keep.choose(results))
         except BadData:
-            conclude(results, cells, with_report=not chosen.no_report)
+            conclude(results, methods, with_report=not chosen.no_report)
             raise
         with progress_bar("selected clips", "predictions") as progress:
-            cells = fill(matrix, results, options, executor, progress)
-    return conclude(results, cells, with_report=not chosen.no_report)
+            methods = fill(matrix, results, options, executor, progress)
+    return conclude(results, methods, with_report=not chosen.no_report)
 
 
 def conclude(
-    results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False
+    results: Results, methods: Sequence[Method], with_report: bool, as_json: bool = False
 ) -> int:
-    """Write all views, print the table, and say how the cells ended."""
+    """Write all views, print the table, and say how the methods ended."""
     from geovp_benchmarks import report
     from geovp_benchmarks.tables import formats, tables
 
     built = tables.build(results)
     formats.write_all(results, built)
     paths = [f"tables: {results.tables}"]
-    if with_report and any(cell.num_clips for cell in cells):
+    if with_report and any(method.num_clips for method in methods):
         with progress_bar("plots", "figures") as progress:
             report.write(results, progress)
         paths += [f"plots:  {results.plots}", f"report: {results.report}"]
@@ -151,22 +151,22 @@ def conclude(
         print(formats.as_json(built[:1]))
     else:
         print(formats.markdown(built[0], width()), *paths, sep="\n")
-    return _judge(cells)
+    return _judge(methods)
 
 
-def _judge(cells: Sequence[Cell]) -> int:
-    """Say how the cells ended, and return the exit code."""
-    count = len(cells)
-    outdated = sum(cell.num_outdated > 0 for cell in cells)
+def _judge(methods: Sequence[Method]) -> int:
+    """Say how the methods ended, and return the exit code."""
+    count = len(methods)
+    outdated = sum(method.num_outdated > 0 for method in methods)
     if outdated:
         say.warning(
             f"{outdated} of {count} methods hold scores of another version of the code (named "
             "below the table): `geovp run --fresh` recomputes them"
         )
-    left = sum(cell.status != "done" for cell in cells)
+    left = sum(method.status != "done" for method in methods)
     if left:
         say.error(f"{left} of {count} methods are not done: see below the table")
-    partly = sum(cell.num_failed > 0 for cell in cells if cell.status == "done")
+    partly = sum(method.num_failed > 0 for method in methods if method.status == "done")
     if partly:
         say.error(
             f"{partly} of {count} methods could not predict some clips, which are scored as "

@@ -45,6 +45,6 @@ def run(chosen: argparse.Namespace) -> int:
             metrics = stored_metrics(results)
         else:
             metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
-    with progress_bar("score", "cells") as progress:
-        cells = rescore(results, into, metrics, progress)
-    return conclude(into, cells, with_report=False, as_json=chosen.json)
+    with progress_bar("score", "methods") as progress:
+        methods = rescore(results, into, metrics, progress)
+    return conclude(into, methods, with_report=False, as_json=chosen.json)

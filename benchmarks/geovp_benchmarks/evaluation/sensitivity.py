@@ -10,14 +10,14 @@ source is not. Nothing is random.
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.arguments import add_row
+from geovp_benchmarks.arguments import add_method
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import PrivilegedInput
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Whose renderer, on which clips."""
-    add_row(parser, "results/sensitivity")
+    add_method(parser, "results/sensitivity")
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -28,7 +28,7 @@ from geovp_classic.types import PrivilegedInput
 
 RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
-    *("protocol.json", "datasets.json", "cell.json", "report.html", ".lock"),
+    *("protocol.json", "datasets.json", "method.json", "report.html", ".lock"),
 )
 
 

@@ -95,7 +95,7 @@ def _drawing(
     drawing: list[Callable[[], list[Page]]] = [
         partial(horizon.pages, material, metric, layout) for metric in metrics
     ]
-    if any(method.num_samples > 1 for method in material.cells):
+    if any(method.num_samples > 1 for method in material.methods):
         drawing += [partial(horizon.sample_pages, material, name, layout) for name in whole]
     for number, (name, _) in enumerate(results.clips(), 1):
         drawing.append(partial(kept_clips.pages, material, number, name, layout))

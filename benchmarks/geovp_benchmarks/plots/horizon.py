@@ -8,7 +8,7 @@ import numpy as np
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots import curves, style
 from geovp_benchmarks.plots.material import Material, Page, page, title
-from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import bounds, higher_is_better
 
 
@@ -18,7 +18,7 @@ class Line:
 
     label: str
     key: tuple[str, str]  # decides the style: pose source and renderer
-    method: Cell
+    method: Method
     reduce: statistics.Reduction
 
 
@@ -82,7 +82,7 @@ def sample_pages(material: Material, metric: str, layout: style.Layout) -> list[
     if higher is None:
         return []
     cubes = {}
-    for method in material.cells:
+    for method in material.methods:
         cube = statistics.cube(material.rows[method.name], metric)
         if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
             cubes[method.label] = cube
@@ -104,7 +104,7 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
     """Return one curve per line that has values; a label says where clips are missing."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
     higher = higher_is_better(metric, facts)
-    lines = _lines(material.cells, is_trajectory=facts["role"] == "trajectory")
+    lines = _lines(material.methods, is_trajectory=facts["role"] == "trajectory")
     shown = []
     for line, look in zip(lines, style.line_styles([line.key for line in lines]), strict=True):
         cube = statistics.cube(material.rows[line.method.name], metric)
@@ -151,7 +151,7 @@ def _labels(material: Material, metric: str) -> curves.AxisLabels:
     return curves.AxisLabels(title(metric), facts["unit"], higher, material.step_s)
 
 
-def _lines(methods: Sequence[Cell], *, is_trajectory: bool) -> list[Line]:
+def _lines(methods: Sequence[Method], *, is_trajectory: bool) -> list[Line]:
     """Return a line per method, or per pose source; with several samples their mean and best.
 
     Styles do not depend on which lines have values, so that all figures agree.

@@ -5,7 +5,7 @@ import numpy as np
 from geovp_benchmarks.plots import strips, style, trajectories
 from geovp_benchmarks.plots.material import Material, Page, page, title
 from geovp_benchmarks.plots.style import Layout
-from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import higher_is_better
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
@@ -14,16 +14,16 @@ def pages(material: Material, number: int, name: str, layout: Layout) -> list[Pa
     """Draw the figures of one clip; its number keeps file names apart."""
     clip = material.results.clip(name)
     predictions = {
-        cell.name: material.results.prediction(cell.name, name)
-        for cell in material.cells
-        if name in dict(material.results.predictions(cell.name))
+        method.name: material.results.prediction(method.name, name)
+        for method in material.methods
+        if name in dict(material.results.predictions(method.name))
     }
     file = f"{number:02d}-{name}"
     drawn = _strips(material, clip, predictions, file, layout)
     return drawn + _paths(material, clip, predictions, file, layout)
 
 
-def notes(material: Material, method: Cell, clip: str, num_samples: int) -> list[str]:
+def notes(material: Material, method: Method, clip: str, num_samples: int) -> list[str]:
     """Return the scores of the first sample on a clip."""
     scores = material.rows[method.name].of_clips((clip,))
     lines = [f"sample 1 of {num_samples}"] if num_samples > 1 else []
@@ -56,7 +56,7 @@ def _strips(
     ahead_s = clip.times_s[past:][steps] - clip.times_s[past - 1]
     truth = strips.Truth(clip.frames[past - 1], clip.frames[past:][steps], shown, ahead_s)
     rows = []
-    for method in material.cells:
+    for method in material.methods:
         prediction = predictions.get(method.name)
         if prediction is not None:
             note = "\n".join(notes(material, method, clip.name, len(prediction.frames))[:2])
@@ -85,7 +85,7 @@ def _paths(
 ) -> list[Page]:
     past = material.protocol["num_past"]
     motions: dict[str, Motion] = {}  # one per pose source: its renderers have the same poses
-    for method in material.cells:
+    for method in material.methods:
         prediction = predictions.get(method.name)
         if prediction is not None and prediction.motion is not None:
             motions.setdefault(method.pose_source or method.label, prediction.motion)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.store import Cell, Results, Rows
+from geovp_benchmarks.results.store import Method, Results, Rows
 from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 
 
@@ -32,7 +32,7 @@ class Material:
 
     results: Results
     protocol: Mapping[str, Any]
-    cells: Sequence[Cell]  # with rows
+    methods: Sequence[Method]  # with rows
     rows: Mapping[str, Rows]  # by method
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
@@ -40,11 +40,11 @@ class Material:
     def read(cls, results: Results, choice: Choice = EVERYTHING) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
         protocol = results.protocol()
-        cells = choice.cells(results.cells())
-        ran = [method for method in cells if method.status in ("done", "partial")]
+        methods = choice.select(results.methods())
+        ran = [method for method in methods if method.status in ("done", "partial")]
         rows = {method.name: results.scores(method.name) for method in ran}
-        cells = [method for method in ran if len(rows[method.name])]
-        return cls(results, protocol, cells, rows, _step_s(results, protocol["num_past"]))
+        methods = [method for method in ran if len(rows[method.name])]
+        return cls(results, protocol, methods, rows, _step_s(results, protocol["num_past"]))
 
     @property
     def data(self) -> str:

@@ -24,7 +24,7 @@ def read(
         raise BadData(f"no clip {name!r} is kept in {results.root}{registry.nearest(name, clips)}")
     names = {
         method.label: method.name
-        for method in results.cells()
+        for method in results.methods()
         if name in dict(results.predictions(method.name))
     }
     for method in methods:

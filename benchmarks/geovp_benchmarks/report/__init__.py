@@ -11,7 +11,7 @@ from geovp_benchmarks.analysis import confidence
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import MARKS, higher_is_better, summary, title
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.explanation import flat
@@ -44,7 +44,7 @@ def write(
         .render(
             protocol=protocol,
             summary=summary(protocol),
-            cells=choice.cells(results.cells()),
+            methods=choice.select(results.methods()),
             findings=headline.sentences(against or "copy-last"),
             headline=headline,
             scores=scores,
@@ -81,7 +81,7 @@ def confidences(results: Results) -> tuple[str, list[confidence.Ranking]]:
     return "", []
 
 
-def settings_as_toml(method: Cell) -> str:
+def settings_as_toml(method: Method) -> str:
     """Format the resolved components as they stand in a matrix file."""
     blocks = []
     for role, settings in method.components.items():
@@ -93,6 +93,6 @@ def settings_as_toml(method: Cell) -> str:
     return "\n\n".join(blocks)
 
 
-def privileged_inputs(method: Cell) -> str:
+def privileged_inputs(method: Method) -> str:
     """Name the privileged inputs of a method."""
     return ", ".join(MARKS[name][1] for name in method.privileged_inputs) or "none"

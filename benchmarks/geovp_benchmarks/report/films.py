@@ -68,7 +68,7 @@ def encode_mask(covered: BoolArray, width_px: int = 208) -> bytes:
 def _films(material: Material, name: str) -> list[Film]:
     clip, past = material.results.clip(name), material.protocol["num_past"]
     films = [_film("ground truth", [], clip.frames[past - 1 :])]
-    for method in material.cells:
+    for method in material.methods:
         if name not in dict(material.results.predictions(method.name)):
             continue
         prediction = material.results.prediction(method.name, name)

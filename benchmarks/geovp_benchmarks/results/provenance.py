@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import Any
 
-from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.store import Method
 
 DIGITS = 8
 SHARED = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
@@ -40,26 +40,28 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
 
 
-def method_id(cell: Cell, protocol: Mapping[str, Any]) -> str:
+def method_id(method: Method, protocol: Mapping[str, Any]) -> str:
     """Return the protocol id that a method was computed under; without results, the folder's."""
-    return str(cell.record.get("protocol_id") or protocol["id"])
+    return str(method.record.get("protocol_id") or protocol["id"])
 
 
-def id_notes(cells: Iterable[Cell], protocol: Mapping[str, Any]) -> list[str]:
+def id_notes(methods: Iterable[Method], protocol: Mapping[str, Any]) -> list[str]:
     """Return the protocol's id, and the methods that were computed under another one."""
     shared = protocol["id"]
     other = [
-        f"{cell.label} {own}" for cell in cells if (own := method_id(cell, protocol)) != shared
+        f"{method.label} {own}"
+        for method in methods
+        if (own := method_id(method, protocol)) != shared
     ]
     return [f"Protocol id {shared}" + (f", but of {', '.join(other)}" if other else "") + "."]
 
 
-def weights_notes(cells: Iterable[Cell]) -> list[str]:
+def weights_notes(methods: Iterable[Method]) -> list[str]:
     """A note for all weights that rows with results use, with the rows."""
     users: dict[str, list[str]] = {}
-    for cell in cells:
-        for note in cell.record.get("about", ()) if cell.num_clips else ():
-            users.setdefault(note, []).append(cell.label)
+    for method in methods:
+        for note in method.record.get("about", ()) if method.num_clips else ():
+            users.setdefault(note, []).append(method.label)
     return [f"{note} ({', '.join(labels)})." for note, labels in users.items()]
 
 

@@ -1,4 +1,4 @@
-"""The schemas of protocol.json, cell.json and datasets.json: what is not so is refused by name."""
+"""Schemas of protocol.json, method.json and datasets.json."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from geovp_classic.errors import BadData
 
 TEXTS, NUMBER = "a list of texts", (int, float)
 PROTOCOL: dict[str, Any] = {
-    "cells": TEXTS,
+    "methods": TEXTS,
     "clips": TEXTS,
     "name": str,
     "metrics": dict,
@@ -26,24 +26,31 @@ PROTOCOL |= {
     "fingerprint": str,
 }
 PROTOCOL |= {"id": str, "dataset_name": str, "split_hash": str}
-CELL: dict[str, Any] = {
+METHOD: dict[str, Any] = {
     "label": str,
     "kind": str,
     "status": str,
     "privileged_inputs": TEXTS,
     "num_samples": int,
 }
-CELL |= {"num_clips": int, "seconds": dict, "fingerprint": str, "components": dict}
-CELL_MAY_HAVE: dict[str, Any] = {"reason": str, "num_failed": int, "num_outdated": int, "code": str}
-CELL_MAY_HAVE |= {"peak_memory_mb": NUMBER, "peak_is_own": bool}
+METHOD |= {"num_clips": int, "seconds": dict, "fingerprint": str, "components": dict}
+METHOD_MAY_HAVE: dict[str, Any] = {
+    "reason": str,
+    "num_failed": int,
+    "num_outdated": int,
+    "code": str,
+}
+METHOD_MAY_HAVE |= {"peak_memory_mb": NUMBER, "peak_is_own": bool}
 
 
 @dataclass(frozen=True)
-class Cell:
+class Method:
     """One row of a table: a pose source with a renderer, or a whole predictor."""
 
     name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
-    record: Mapping[str, Any]  # all of cell.json; also traceback, code, peak_memory_mb, peak_is_own
+    record: Mapping[
+        str, Any
+    ]  # all of method.json; also traceback, code, peak_memory_mb, peak_is_own
     label: str  # for people: "gt-3d + ground-far-plane"
     kind: str  # "geometric" or "predictor"
     status: str  # "done", "partial", "skipped" or "failed"
@@ -69,7 +76,7 @@ class Cell:
 
     @classmethod
     def of(cls, name: str, record: Mapping[str, Any]) -> Self:
-        """The cell of a cell.json."""
+        """The method of a method.json."""
         own = {field.name for field in dataclasses.fields(cls)} & record.keys()
         return cls(name=name, record=record, **{key: record[key] for key in own})
 
@@ -92,15 +99,15 @@ def protocol(path: Path) -> dict[str, Any]:
             f"{path.parent} has no {path.name}: not a results folder: give one that `geovp run` "
             "wrote"
         )
-    content = _read(path, {"cells": TEXTS}, PROTOCOL)
-    for name in content["cells"]:
+    content = _read(path, {"methods": TEXTS}, PROTOCOL)
+    for name in content["methods"]:
         files.check_name(name, f"{path}: the method")
     return content
 
 
-def cell(path: Path) -> Cell:
-    """The cell of a cell.json."""
-    return Cell.of(path.parent.name, _read(path, CELL, CELL_MAY_HAVE))
+def method(path: Path) -> Method:
+    """The method of a method.json."""
+    return Method.of(path.parent.name, _read(path, METHOD, METHOD_MAY_HAVE))
 
 
 def labels(path: Path) -> list[str]:

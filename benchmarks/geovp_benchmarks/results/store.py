@@ -4,11 +4,11 @@ loses nothing.
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory,
     depths where known
-    <root>/<cell>/cell.json               components, privileged inputs, status, seconds per stage,
-    peak memory; see Cell
-    <root>/<cell>/scores/part-<hash>.parquet  one row per clip, sample, step and metric; see Rows
-    <root>/<cell>/predictions/<clip>.npz  the kept predictions
-    <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with
+    <root>/<method>/method.json             components, privileged inputs, status, seconds per
+    stage, peak memory; see Method
+    <root>/<method>/scores/part-<hash>.parquet  one row per clip, sample, step and metric; see Rows
+    <root>/<method>/predictions/<clip>.npz  the kept predictions
+    <root>/earlier/<fingerprint>/         methods and clips of other settings, which come back with
     these
     <root>/tables  plots  recordings  report.html     views of the above
     <root>/datasets.json                  of several data sets: their labels, each with a folder
@@ -33,7 +33,7 @@ import duckdb
 from filelock import FileLock, Timeout
 
 from geovp_benchmarks.results import kept_files, record_files
-from geovp_benchmarks.results.record_files import Cell
+from geovp_benchmarks.results.record_files import Method
 from geovp_benchmarks.results.rows import Rows
 from geovp_benchmarks.results.score_files import Part, ScoreFiles, Stored, newest
 from geovp_classic import files
@@ -41,11 +41,11 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Prediction
 
-__all__ = ["EARLIER", "NOT_CELLS", "Cell", "Part", "Results", "Rows", "check_clip_name"]
+__all__ = ["EARLIER", "NOT_METHODS", "Method", "Part", "Results", "Rows", "check_clip_name"]
 
 EARLIER = "earlier"
 MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
-NOT_CELLS = ("clips", "scores", "tables", "plots", "recordings", EARLIER)
+NOT_METHODS = ("clips", "scores", "tables", "plots", "recordings", EARLIER)
 
 
 MAX_TRIES = 5  # to read files that a run is merging
@@ -61,7 +61,7 @@ class Results:
     # Reading
 
     def protocol(self) -> dict[str, Any]:
-        """What all cells share: name, dataset, clips (names, in order), num_past, num_future,
+        """What all methods share: name, dataset, clips (names, in order), num_past, num_future,
         size_px, stride, metrics.
 
         `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better (null:
@@ -85,55 +85,59 @@ class Results:
         """Whether a protocol was written."""
         return (self.root / "protocol.json").exists()
 
-    def cells(self) -> list[Cell]:
-        """All cells that have been begun, in the order of the matrix file."""
-        return [cell for name in self.protocol()["cells"] if (cell := self.cell(name)) is not None]
+    def methods(self) -> list[Method]:
+        """All methods that have been begun, in the order of the matrix file."""
+        return [
+            method
+            for name in self.protocol()["methods"]
+            if (method := self.method(name)) is not None
+        ]
 
-    def cell(self, name: str) -> Cell | None:
-        """One cell, None when it has not been begun."""
-        path = self.root / name / "cell.json"
-        return record_files.cell(path) if path.exists() else None
+    def method(self, name: str) -> Method | None:
+        """One method, None when it has not been begun."""
+        path = self.root / name / "method.json"
+        return record_files.method(path) if path.exists() else None
 
     @cached_property
     def score_files(self) -> ScoreFiles:
         """The score files of all methods, opened once."""
         return ScoreFiles(self.root)
 
-    def scores(self, cell: str) -> Rows:
-        """The rows of one cell; BadData when a score file is damaged."""
-        return self._reread(lambda: self._scores(cell))
+    def scores(self, method: str) -> Rows:
+        """The rows of one method; BadData when a score file is damaged."""
+        return self._reread(lambda: self._scores(method))
 
-    def _scores(self, cell: str) -> Rows:
-        if damaged := self.damaged_parts(cell):
+    def _scores(self, method: str) -> Rows:
+        if damaged := self.damaged_parts(method):
             raise BadData(
                 f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
             )
-        return self.score_files.rows(self._stored(cell))
+        return self.score_files.rows(self._stored(method))
 
-    def failures(self, cell: str) -> dict[str, str]:
+    def failures(self, method: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of
         the last frame.
         """
         return {
             clip: reason
-            for part in self.parts(cell)
+            for part in self.parts(method)
             for clip, (_, reason, _) in part.failures.items()
         }
 
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """What is known of the clips themselves: numbers by name, by clip."""
-        names = [cell.name for cell in self.cells()]
+        names = [method.name for method in self.methods()]
         return self._reread(lambda: self.score_files.facts(names))
 
-    def predictions(self, cell: str) -> list[tuple[str, Path]]:
-        """(clip name, file) of the predictions that were kept of one cell."""
-        return _named(self.root / cell / "predictions")
+    def predictions(self, method: str) -> list[tuple[str, Path]]:
+        """(clip name, file) of the predictions that were kept of one method."""
+        return _named(self.root / method / "predictions")
 
-    def prediction(self, cell: str, clip: str) -> Prediction:
+    def prediction(self, method: str, clip: str) -> Prediction:
         """One kept prediction: frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or
         None.
         """
-        return kept_files.read_prediction(self.root / cell / "predictions" / _file(clip))
+        return kept_files.read_prediction(self.root / method / "predictions" / _file(clip))
 
     def clips(self) -> list[tuple[str, Path]]:
         """(clip name, file) of the clips that were kept."""
@@ -145,25 +149,25 @@ class Results:
         """
         return kept_files.read_clip(self.root / "clips" / _file(name), name)
 
-    def parts(self, cell: str) -> list[Part]:
-        """How the clips of the cell as it is now were scored; a damaged file counts as absent."""
-        stored = self._reread(lambda: self._stored(cell))
+    def parts(self, method: str) -> list[Part]:
+        """How the clips of the method as it is now were scored; a damaged file counts as absent."""
+        stored = self._reread(lambda: self._stored(method))
         return [part for parts in stored.parts.values() for part in parts]
 
-    def damaged_parts(self, cell: str) -> list[Path]:
+    def damaged_parts(self, method: str) -> list[Path]:
         """The score files that are not as they were written."""
-        stored = self._reread(lambda: self.score_files.parts(cell))
+        stored = self._reread(lambda: self.score_files.parts(method))
         return [path for path, parts in stored.items() if parts is None]
 
-    def _stored(self, cell: str, *, only_wanted: bool = True) -> Stored:
+    def _stored(self, method: str, *, only_wanted: bool = True) -> Stored:
         """The newest scores of the protocol's clips; without a protocol, of all clips."""
-        now, clips = self.cell(cell), None
+        now, clips = self.method(method), None
         if only_wanted and self.begun:
             clips = record_files.protocol(self.root / "protocol.json").get("clips")
         fingerprint = None if now is None else now.fingerprint
         fitting = {
             path: [part for part in parts or () if part.fingerprint == fingerprint]
-            for path, parts in self.score_files.parts(cell).items()
+            for path, parts in self.score_files.parts(method).items()
         }
         return newest(fitting, clips)
 
@@ -206,39 +210,39 @@ class Results:
         """Write protocol.json."""
         write_bytes(self.root / "protocol.json", files.json_bytes(protocol))
 
-    def write_cell(self, name: str, record: Mapping[str, Any]) -> None:
-        """Write a cell's cell.json."""
-        write_bytes(self.root / name / "cell.json", files.json_bytes(record))
+    def write_method(self, name: str, record: Mapping[str, Any]) -> None:
+        """Write a method's method.json."""
+        write_bytes(self.root / name / "method.json", files.json_bytes(record))
 
-    def write_part(self, cell: str, rows: Rows, part: Part) -> None:
+    def write_part(self, method: str, rows: Rows, part: Part) -> None:
         """Write all rows of the part's clips at once."""
-        self.score_files.write(cell, rows, part)
+        self.score_files.write(method, rows, part)
 
-    def merge(self, cell: str) -> None:
+    def merge(self, method: str) -> None:
         """Merge the score files of a method into one; scores of clips no longer wanted stay."""
         with suppress(Timeout, NotImplementedError), FileLock(self.root / ".merge.lock", timeout=0):
             # A file that another run writes from here on is not removed.
-            stored = self.score_files.parts(cell)
-            folder = self.root / cell / "scores"  # a file that methods share stays
+            stored = self.score_files.parts(method)
+            folder = self.root / method / "scores"  # a file that methods share stays
             sound = [
                 path
                 for path, parts in stored.items()
                 if parts is not None and path.parent == folder
             ]
             if len(sound) > 1:
-                self.score_files.merge(cell, self._stored(cell, only_wanted=False), sound)
+                self.score_files.merge(method, self._stored(method, only_wanted=False), sound)
 
-    def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
+    def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
-        kept_files.write_prediction(self.root / cell / "predictions" / _file(clip), prediction)
+        kept_files.write_prediction(self.root / method / "predictions" / _file(clip), prediction)
 
     def write_clip(self, clip: Clip) -> None:
         """Keep a clip, so that images and new scores need no data set."""
         kept_files.write_clip(self.root / "clips" / _file(clip.name), clip)
 
     def swap(self, name: str, before: str, now: str) -> None:
-        """Set a cell or the kept clips of one fingerprint aside, and bring those of another back if
-        there are any.
+        """Set a method or the kept clips of one fingerprint aside, and bring those of another back
+        if there are any.
         """
         current, aside, kept = (
             self.root / name,
@@ -254,11 +258,11 @@ class Results:
         if kept.exists():
             kept.rename(current)
 
-    def with_rows_of(self, cell: str, fingerprint: str) -> Results:
-        """The folder that holds a cell's rows of a fingerprint: this one, or that of earlier
+    def with_rows_of(self, method: str, fingerprint: str) -> Results:
+        """The folder that holds a method's rows of a fingerprint: this one, or that of earlier
         settings.
         """
-        now = self.cell(cell)
+        now = self.method(method)
         return (
             self if now and now.fingerprint == fingerprint else Results(self._earlier(fingerprint))
         )
@@ -270,9 +274,9 @@ class Results:
         is_now = self.begun and self.protocol()["fingerprint"] == fingerprint
         return self if is_now else Results(self._earlier(fingerprint))
 
-    def size_bytes(self, cell: str, folder: str) -> int:
-        """What the files of a cell take in its folder `scores` or `predictions`."""
-        return sum(path.stat().st_size for path in (self.root / cell / folder).glob("*"))
+    def size_bytes(self, method: str, folder: str) -> int:
+        """What the files of a method take in its folder `scores` or `predictions`."""
+        return sum(path.stat().st_size for path in (self.root / method / folder).glob("*"))
 
     def set_aside(self) -> set[Path]:
         """What is kept of other settings."""
@@ -281,20 +285,20 @@ class Results:
     def _earlier(self, fingerprint: str) -> Path:
         return self.root / EARLIER / (fingerprint[:16] or "unknown")
 
-    def set_damaged_aside(self, cell: str | None) -> list[Path]:
-        """Rename a cell's damaged parts and predictions, or of None the damaged clips: they are
+    def set_damaged_aside(self, method: str | None) -> list[Path]:
+        """Rename a method's damaged parts and predictions, or of None the damaged clips: they are
         computed again.
         """
-        kept = self.clips() if cell is None else self.predictions(cell)
-        parts = [] if cell is None else self.damaged_parts(cell)
+        kept = self.clips() if method is None else self.predictions(method)
+        parts = [] if method is None else self.damaged_parts(method)
         damaged = [*parts, *(path for _, path in kept if not kept_files.is_whole(path))]
         for path in damaged:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
 
-    def remove_cell(self, cell: str) -> None:
-        """Remove a cell with all its rows and predictions."""
-        shutil.rmtree(self.root / cell, ignore_errors=True)
+    def remove_method(self, method: str) -> None:
+        """Remove a method with all its rows and predictions."""
+        shutil.rmtree(self.root / method, ignore_errors=True)
 
 
 def _file(clip: str) -> str:

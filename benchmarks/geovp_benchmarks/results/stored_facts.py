@@ -1,4 +1,4 @@
-"""What protocol.json and cell.json say: a column's title, direction and bounds, the data, the
+"""What protocol.json and method.json say: a column's title, direction and bounds, the data, the
 privileged inputs of a method.
 """
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
-from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.store import Method
 
 MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
     "PAST_POSES": ("p", "true past poses"),
@@ -73,13 +73,13 @@ def summary(protocol: Mapping[str, Any]) -> str:
     )
 
 
-def marks(cell: Cell) -> str:
+def marks(method: Method) -> str:
     """The letters beside a row's name."""
-    return "".join(MARKS[name][0] for name in cell.privileged_inputs)
+    return "".join(MARKS[name][0] for name in method.privileged_inputs)
 
 
-def legend(cells: Iterable[Cell], but: str = "") -> list[str]:
+def legend(methods: Iterable[Method], but: str = "") -> list[str]:
     """What the marks beside rows mean."""
-    used = {name for cell in cells for name in cell.privileged_inputs}
+    used = {name for method in methods for name in method.privileged_inputs}
     words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
     return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []

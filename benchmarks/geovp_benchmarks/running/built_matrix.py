@@ -50,24 +50,24 @@ class BuiltMatrix:
         return {role: self.components[key] for role, key in plan.components.items()}
 
     def needs(self, plan: MethodPlan) -> PrivilegedInput:
-        """What the components of a cell need together."""
+        """What the components of a method need together."""
         return functools.reduce(
             PrivilegedInput.__or__, (each.needs for each in self.components_of(plan).values())
         )
 
     def code(self, plan: MethodPlan) -> str:
-        """A hash of the sources that the rows of a cell depend on."""
+        """A hash of the sources that the rows of a method depend on."""
         return code_hash(self.components_of(plan).values())
 
 
 @dataclass(frozen=True)
 class Task:
-    """Clips and the cells that lack them; plain data, so that it can travel."""
+    """Clips and the methods that lack them; plain data, so that it can travel."""
 
     matrix: str  # Matrix.to_json
     root: str
     clips: Mapping[int, str]  # number in the data set -> name
-    cells: tuple[MethodPlan, ...]
+    methods: tuple[MethodPlan, ...]
     fingerprints: Mapping[str, str]
     columns: tuple[str, ...]
     kept: frozenset[str]
@@ -78,7 +78,7 @@ class TaskResult:
     """How a task ended; its parquet parts are on disk."""
 
     task: Task
-    failures: Mapping[str, Failure]  # by cell
+    failures: Mapping[str, Failure]  # by method
 
 
 @functools.lru_cache(maxsize=1)
@@ -99,7 +99,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
 
 @dataclass(frozen=True)
 class Cache:
-    """Results for one clip that cells share: a motion per pose source, a scene per renderer and
+    """Results for one clip that methods share: a motion per pose source, a scene per renderer and
     past.
     """
 
@@ -110,15 +110,15 @@ class Cache:
     def get_or_compute(
         self, key: Hashable, compute: Callable[[], Any], profiler: StageProfiler, stage: str
     ) -> Any:
-        """The value, computed once per key, or the error it raised; every cell is charged its full
-        cost.
+        """The value, computed once per key, or the error it raised; every method is charged its
+        full cost.
         """
         if key not in self.calls:
             call, own = self.calls[key] = Future(), StageProfiler()
             with own.measure(stage):
                 try:
                     call.set_result(compute())
-                except Exception as error:  # raised for every cell that asks
+                except Exception as error:  # raised for every method that asks
                     call.set_exception(error)
         call, own = self.calls[key]
         profiler.add(stage, own.seconds[stage], own.peaks_mb[stage])
@@ -132,8 +132,8 @@ def scene_key(renderer: str, past: Trajectory) -> Hashable:
 
 
 @dataclass(frozen=True)
-class _CellOutput:
-    """One cell's rows and times in this chunk."""
+class _MethodOutput:
+    """One method's rows and times in this chunk."""
 
     profiler: StageProfiler = field(default_factory=StageProfiler)
     rows: list[Rows] = field(default_factory=list)
@@ -143,14 +143,15 @@ class _CellOutput:
 
 
 def compute(task: Task) -> TaskResult:
-    """Predict and score the clips of a task in all its cells and write a part for every cell that
-    did not fail.
+    """Predict and score the clips of a task in all its methods and write a part for every method
+    that did not fail.
 
-    A clip that a cell cannot predict is scored as a copy of its last frame, and the part says why.
+    A clip that a method cannot predict is scored as a copy of its last frame, and the part says
+    why.
     """
     built, results = build_matrix(task.matrix), Results(Path(task.root))
-    codes = {plan.name: built.code(plan) for plan in task.cells}  # before a file can be edited
-    outputs = {plan.name: _CellOutput() for plan in task.cells}
+    codes = {plan.name: built.code(plan) for plan in task.methods}  # before a file can be edited
+    outputs = {plan.name: _MethodOutput() for plan in task.methods}
     failures: dict[str, Failure] = {}
     facts: dict[str, Mapping[str, float]] = {}
     for index, name in task.clips.items():
@@ -159,20 +160,22 @@ def compute(task: Task) -> TaskResult:
             results.write_clip(context.clip)
         facts[name] = context.facts
         cache = Cache()
-        for plan in (plan for plan in task.cells if plan.name not in failures):
+        for plan in (plan for plan in task.methods if plan.name not in failures):
             announce(f"{name}, {plan.label}")
             try:
                 _predict_and_score(built, plan, context, cache, outputs[plan.name], task)
             except (
                 Exception
-            ) as error:  # scoring failed for any prediction: the matrix goes on without the cell
+            ) as error:  # scoring failed for any prediction: the matrix goes on without the method
                 failures[plan.name] = Failure.of(error)
             announce(f"{name}, {plan.label}", done=1)
     specs = built.metrics.describe(task.columns)
     for name, output in outputs.items():
         if name in failures:
             continue
-        peak_mb = output.profiler.peak_without("metrics")  # they take the same memory in all cells
+        peak_mb = output.profiler.peak_without(
+            "metrics"
+        )  # they take the same memory in all methods
         part = Part(
             clips=tuple(task.clips.values()),
             fingerprint=task.fingerprints[name],
@@ -195,7 +198,7 @@ def _predict_and_score(
     plan: MethodPlan,
     scoring: ScoringContext,
     cache: Cache,
-    output: _CellOutput,
+    output: _MethodOutput,
     task: Task,
 ) -> None:
     context, _ = scoring.clip.split(scoring.num_past, built.needs(plan))
@@ -204,12 +207,12 @@ def _predict_and_score(
             built.components_of(plan), plan, context, scoring, cache, output.profiler
         )
         check(scoring, prediction)
-    except Exception as error:  # the clip's failure is recorded and the cell goes on
+    except Exception as error:  # the clip's failure is recorded and the method goes on
         output.failures[scoring.clip.name] = Failure.of(error)
         prediction = CopyLast().predict(context)
     if scoring.clip.name in task.kept:
         Results(Path(task.root)).write_prediction(plan.name, scoring.clip.name, prediction)
-    _ = scoring.pixel_sets  # computed once for all cells, so charged to none
+    _ = scoring.pixel_sets  # computed once for all methods, so charged to none
     with output.profiler.measure("metrics"):
         output.rows.append(score(scoring, prediction, built.metrics.chosen(task.columns)))
 
@@ -222,7 +225,7 @@ def _predict(
     cache: Cache,
     profiler: StageProfiler,
 ) -> Prediction:
-    """The prediction of a cell; cells share motions and scenes, and each is charged
+    """The prediction of a method; methods share motions and scenes, and each is charged
     the full time.
     """
     if plan.predictor is not None:

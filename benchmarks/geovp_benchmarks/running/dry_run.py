@@ -32,10 +32,10 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class RowPlan:
+class MethodEstimate:
     """One row: clips to compute and to keep as they are, or why it cannot be computed."""
 
-    cell: MethodPlan
+    method: MethodPlan
     todo: frozenset[str]
     kept: int
     reason: str = ""
@@ -44,12 +44,12 @@ class RowPlan:
 
 def rows(
     matrix: Matrix, results: Results, options: Options, progress: Progress
-) -> tuple[Plan, list[RowPlan]]:
+) -> tuple[Plan, list[MethodEstimate]]:
     """The plan of every row; one clip is predicted with all rows, once, where some row has no
     stored times.
     """
     plan = look(matrix, results, options)
-    found = [_row(plan, cell) for cell in matrix.methods]
+    found = [_row(plan, method) for method in matrix.methods]
     if all(row.cost or not row.todo for row in found):
         return plan, found
     with tempfile.TemporaryDirectory() as folder:
@@ -58,12 +58,12 @@ def rows(
         return plan, [_completed(row, trial) for row in found]
 
 
-def describe(plan: Plan, found: list[RowPlan], workers: int) -> list[str]:
+def describe(plan: Plan, found: list[MethodEstimate], workers: int) -> list[str]:
     """The rows as a table, and what they take together."""
     lines = [["row", "to do", "kept", "s a clip"]]
     for row in found:
         takes = "" if row.cost is None else f"{sum(row.cost.seconds.values()):.2f}"
-        lines.append([row.cell.label, str(len(row.todo)), str(row.kept), row.reason or takes])
+        lines.append([row.method.label, str(len(row.todo)), str(row.kept), row.reason or takes])
     todo, kept = sum(len(row.todo) for row in found), sum(row.kept for row in found)
     measured = [row.cost for row in found if row.todo and row.cost]
     stored = sum(cost.is_stored for cost in measured)
@@ -85,57 +85,57 @@ def describe(plan: Plan, found: list[RowPlan], workers: int) -> list[str]:
     ]
 
 
-def _row(plan: Plan, cell: MethodPlan) -> RowPlan:
-    failure, record = record_of(plan, cell)
+def _row(plan: Plan, method: MethodPlan) -> MethodEstimate:
+    failure, record = record_of(plan, method)
     if failure is not None:
-        return RowPlan(cell, frozenset(), 0, f"{failure.status}: {failure.reason}")
-    source = plan.results.with_rows_of(cell.name, record["fingerprint"])
+        return MethodEstimate(method, frozenset(), 0, f"{failure.status}: {failure.reason}")
+    source = plan.results.with_rows_of(method.name, record["fingerprint"])
     clips = {clip for clip, _ in plan.results.with_clips_of(plan.shared).clips()}
-    kept = {clip for clip, _ in source.predictions(cell.name)} & clips
-    todo = lacking(plan, source.parts(cell.name), kept, plan.built.code(cell))
-    return RowPlan(
-        cell, todo, len(plan.clips) - len(todo), cost=_cost(source, cell.name, is_stored=True)
+    kept = {clip for clip, _ in source.predictions(method.name)} & clips
+    todo = lacking(plan, source.parts(method.name), kept, plan.built.code(method))
+    return MethodEstimate(
+        method, todo, len(plan.clips) - len(todo), cost=_cost(source, method.name, is_stored=True)
     )
 
 
-def _completed(row: RowPlan, trial: Results) -> RowPlan:
+def _completed(row: MethodEstimate, trial: Results) -> MethodEstimate:
     """The row with the trial's cost where none is stored, and with the reason where the trial
     failed.
     """
-    tried = trial.cell(row.cell.name)
+    tried = trial.method(row.method.name)
     if row.cost or tried is None:
         return row
     reason = "" if tried.status == "done" else f"{tried.status}: {tried.reason}"
-    return replace(row, reason=reason, cost=_cost(trial, row.cell.name, is_stored=False))
+    return replace(row, reason=reason, cost=_cost(trial, row.method.name, is_stored=False))
 
 
-def _cost(results: Results, cell: str, *, is_stored: bool) -> Cost | None:
+def _cost(results: Results, method: str, *, is_stored: bool) -> Cost | None:
     """A row's cost by its parts; None when it has none."""
-    parts = results.parts(cell)
-    clips, kept = sum(len(part.clips) for part in parts), len(results.predictions(cell))
+    parts = results.parts(method)
+    clips, kept = sum(len(part.clips) for part in parts), len(results.predictions(method))
     if not clips:
         return None
     stages = {stage for part in parts for stage in part.seconds}
     seconds = {
         stage: sum(part.seconds.get(stage, 0.0) for part in parts) / clips for stage in stages
     }
-    size = results.size_bytes(cell, "predictions") / max(kept, 1)
-    return Cost(seconds, results.size_bytes(cell, "scores") / clips, size, is_stored)
+    size = results.size_bytes(method, "predictions") / max(kept, 1)
+    return Cost(seconds, results.size_bytes(method, "scores") / clips, size, is_stored)
 
 
-def _seconds(found: list[RowPlan]) -> float:
+def _seconds(found: list[MethodEstimate]) -> float:
     """Of all rows in one process; rows of one pose source estimate its motion once."""
     total, shared = 0.0, dict[str, float]()
     for row in (row for row in found if row.cost):
         assert row.cost is not None
         once = row.cost.seconds.get(SHARED, 0.0)
         total += len(row.todo) * (sum(row.cost.seconds.values()) - once)
-        source = str(row.cell.pose_source)
+        source = str(row.method.pose_source)
         shared[source] = max(shared.get(source, 0.0), len(row.todo) * once)
     return total + sum(shared.values())
 
 
-def _bytes(plan: Plan, found: list[RowPlan]) -> float:
+def _bytes(plan: Plan, found: list[MethodEstimate]) -> float:
     rows_with_cost = [(row, row.cost) for row in found if row.cost]
     scores = sum(len(row.todo) * cost.score_bytes for row, cost in rows_with_cost)
     return scores + sum(

@@ -80,8 +80,10 @@ def side_by_side(results: Results, width: int | None = None) -> str:
         lines.append([name + marks[name], *texts])
     notes = [f"- {label}: {note}" for label, table in parts.items() for note in table.notes[:1]]
     for label, part in results.by_dataset().items():
-        lost = (cell for cell in part.cells() if cell.status in ("skipped", "failed"))
-        notes += [f"- {label}: {cell.label}: {cell.status}: {cell.reason}." for cell in lost]
+        lost = (method for method in part.methods() if method.status in ("skipped", "failed"))
+        notes += [
+            f"- {label}: {method.label}: {method.status}: {method.reason}." for method in lost
+        ]
     return "\n".join(
         [
             f"## {results.root.resolve().name}: all data sets",

@@ -116,7 +116,7 @@ def _protocol(plan: Plan) -> dict[str, Any]:
         "size_px": list(matrix.size_px),
         "stride": matrix.stride,
         "metrics": plan.built.metrics.about(plan.unavailable),
-        "cells": [cell.name for cell in matrix.methods],
+        "methods": [method.name for method in matrix.methods],
         "clips": list(plan.clips),
         "kept": None if plan.selection is None else dataclasses.asdict(plan.selection),
         "fingerprint": plan.shared,
@@ -134,7 +134,7 @@ def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
 
 
 def _shared(built: BuiltMatrix) -> str:
-    """A hash of everything that a row depends on except the cell and the code."""
+    """A hash of everything that a row depends on except the method and the code."""
     matrix = built.matrix
     dataset = {
         key: value

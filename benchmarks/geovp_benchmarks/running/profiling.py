@@ -1,4 +1,4 @@
-"""Seconds and peak memory of the stages of a cell; peak memory on Linux only."""
+"""Seconds and peak memory of the stages of a method; peak memory on Linux only."""
 
 import ctypes
 import sys
@@ -15,7 +15,7 @@ RESET_PEAK = "5"  # sets VmHWM to what is resident now (Linux 4.0 and newer, pro
 
 @dataclass(frozen=True)
 class StageProfiler:
-    """Seconds and peak memory per stage of one cell; stages follow one another and are never
+    """Seconds and peak memory per stage of one method; stages follow one another and are never
     nested.
     """
 

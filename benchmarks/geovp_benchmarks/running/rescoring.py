@@ -4,7 +4,7 @@ is needed.
 
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
-from geovp_benchmarks.results.store import Cell, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results, Rows
 from geovp_benchmarks.running.metric_set import MetricSet
 from geovp_benchmarks.running.profiling import StageProfiler
 from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
@@ -20,7 +20,9 @@ def stored_metrics(results: Results) -> MetricSet:
     return MetricSet.build(roles["frame"], roles["trajectory"])
 
 
-def rescore(results: Results, into: Results, metrics: MetricSet, progress: Progress) -> list[Cell]:
+def rescore(
+    results: Results, into: Results, metrics: MetricSet, progress: Progress
+) -> list[Method]:
     """Write a results folder of the kept clips alone; BadData when none were kept."""
     protocol = results.protocol()
     kept = {clip for clip, _ in results.clips()}
@@ -44,36 +46,36 @@ def rescore(results: Results, into: Results, metrics: MetricSet, progress: Progr
         "id": protocol_id(rescored),
     }
     into.write_protocol(rescored)
-    cells = results.cells()
-    for cell in tracked(cells, len(cells), progress):
-        _rescore_cell(results, into, cell, clips, chosen)
-    return into.cells()
+    methods = results.methods()
+    for method in tracked(methods, len(methods), progress):
+        _rescore_method(results, into, method, clips, chosen)
+    return into.methods()
 
 
-def _rescore_cell(
-    results: Results, into: Results, cell: Cell, clips: list[str], metrics: Metrics
+def _rescore_method(
+    results: Results, into: Results, method: Method, clips: list[str], metrics: Metrics
 ) -> None:
     num_past = int(results.protocol()["num_past"])
-    predicted = {clip for clip, _ in results.predictions(cell.name)}
+    predicted = {clip for clip, _ in results.predictions(method.name)}
     scored = [clip for clip in clips if clip in predicted]
     profiler, tables, facts = StageProfiler(), [], {}
-    into.remove_cell(cell.name)
+    into.remove_method(method.name)
     for clip in scored:
         context = ScoringContext(results.clip(clip), num_past)
-        prediction = results.prediction(cell.name, clip)
+        prediction = results.prediction(method.name, clip)
         into.write_clip(context.clip)
-        into.write_prediction(cell.name, clip, prediction)
+        into.write_prediction(method.name, clip, prediction)
         facts[clip] = context.facts
         with profiler.measure("metrics"):
             tables.append(score(context, prediction, metrics))
     verdict = (
         {}
-        if cell.status in ("skipped", "failed")
+        if method.status in ("skipped", "failed")
         else {"status": "done" if scored == clips else "partial"}
     )
     failures = {
         clip: why
-        for part in results.parts(cell.name)
+        for part in results.parts(method.name)
         for clip, why in part.failures.items()
         if clip in scored
     }
@@ -84,10 +86,10 @@ def _rescore_cell(
         "peak_memory_mb": 0.0,
         "peak_is_own": False,
     }
-    into.write_cell(
-        cell.name, {**cell.record, **verdict, **tally, "protocol_id": into.protocol()["id"]}
+    into.write_method(
+        method.name, {**method.record, **verdict, **tally, "protocol_id": into.protocol()["id"]}
     )
     if tables:
         names, seconds = tuple(scored), profiler.seconds
-        part = Part(names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
-        into.write_part(cell.name, Rows.concatenated(tables), part)
+        part = Part(names, method.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
+        into.write_part(method.name, Rows.concatenated(tables), part)

@@ -12,7 +12,7 @@ import numpy as np
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
@@ -47,29 +47,29 @@ class Ranking:
 
     which: str
     metric: str
-    # a cell's name or label; "": the first complete row with the metric, geometric ones first
-    row: str = ""
+    # a method's name or label; "": the first complete method with the metric, geometric ones first
+    method: str = ""
 
     @classmethod
     def parse(cls, text: str, matrix: Matrix) -> Self:
         """The rule in words; BadData when a word is not one of the matrix."""
         which, _, rest = text.partition(":")
-        metric, _, row = rest.partition(":")
+        metric, _, label = rest.partition(":")
         metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
-        rows = [name for cell in matrix.methods for name in (cell.label, cell.name)]
-        for word, known in ((which, WHICH), (metric, metrics), (row, ["", *rows])):
+        labels = [name for method in matrix.methods for name in (method.label, method.name)]
+        for word, known in ((which, WHICH), (metric, metrics), (label, ["", *labels])):
             if word not in known:
                 raise BadData(
                     f"--keep {text!r} has {word!r}, expected N, all, clip names, or "
                     f"{'|'.join(WHICH)}:METRIC[:METHOD]"
                     f"{nearest(word, filter(None, known))}"
                 )
-        return cls(which, metric, row)
+        return cls(which, metric, label)
 
     def choose(self, results: Results) -> Selection:
-        """NUM_CLIPS clips; BadData when no complete row has the metric."""
+        """NUM_CLIPS clips; BadData when no complete method has the metric."""
         protocol = results.protocol()
-        cell, scores = self._scores(results)
+        method, scores = self._scores(results)
         sign = (
             -1 if protocol["metrics"][self.metric]["higher_is_better"] is False else 1
         )  # least coverage is the worst
@@ -80,19 +80,19 @@ class Ranking:
             middle = float(np.median(list(scores.values())))
             ranked.sort(key=lambda clip: abs(scores[clip] - middle))
         chosen = _apart(ranked, int(protocol["num_past"]) + int(protocol["num_future"]))
-        return Selection(tuple(chosen), f"{self.which} {title(self.metric)} of {cell.label}")
+        return Selection(tuple(chosen), f"{self.which} {title(self.metric)} of {method.label}")
 
-    def _scores(self, results: Results) -> tuple[Cell, Mapping[str, float]]:
-        """The row and its mean score of each clip; clips that it could not predict are left out."""
-        cells = [
-            cell
-            for cell in results.cells()
-            if cell.status == "done" and self.row in ("", cell.name, cell.label)
+    def _scores(self, results: Results) -> tuple[Method, Mapping[str, float]]:
+        """Return the method and its mean scores of the clips that it could predict."""
+        methods = [
+            method
+            for method in results.methods()
+            if method.status == "done" and self.method in ("", method.name, method.label)
         ]
-        for cell in sorted(cells, key=lambda cell: cell.kind != "geometric"):
+        for method in sorted(methods, key=lambda method: method.kind != "geometric"):
             cube, failed = (
-                statistics.cube(results.scores(cell.name), self.metric),
-                results.failures(cell.name),
+                statistics.cube(results.scores(method.name), self.metric),
+                results.failures(method.name),
             )
             with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
                 means = np.nanmean(cube.values, axis=(1, 2))
@@ -103,8 +103,8 @@ class Ranking:
                 if np.isfinite(value) and clip not in failed
             }
             if scores:
-                return cell, scores
-        which = f"the method {self.row!r} is not" if self.row else "no method is"
+                return method, scores
+        which = f"the method {self.method!r} is not" if self.method else "no method is"
         raise BadData(
             f"--keep: {which} complete with {self.metric}, by which clips are to be selected: see "
             "below the table"

@@ -11,7 +11,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.results import provenance
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -30,7 +30,7 @@ OF_A_METRIC = {
     "higher_is_better": "direction",
     "unavailable": "unavailable because",
 }
-OF_A_ROW = {
+OF_A_METHOD = {
     "num_samples": "samples",
     "privileged_inputs": "privileged inputs",
     "status": "status",
@@ -41,10 +41,10 @@ MOST_CLIPS = 5
 
 @dataclass(frozen=True)
 class Side:
-    """A row of a results folder."""
+    """A method of a results folder."""
 
     results: Results
-    cell: Cell
+    method: Method
 
     @property
     def protocol(self) -> dict[str, Any]:
@@ -67,7 +67,9 @@ def pairs(a: Results, b: Results, row_a: str = "", row_b: str = "") -> list[tupl
             f"no method is in both: {', '.join(of_a)}; and {', '.join(of_b)}: name them as "
             "DIR:METHOD"
         )
-    return [(Side(a, _row(a, of_a, one)), Side(b, _row(b, of_b, other))) for one, other in names]
+    return [
+        (Side(a, _method(a, of_a, one)), Side(b, _method(b, of_b, other))) for one, other in names
+    ]
 
 
 def shared(a: Side, b: Side) -> Iterator[str]:
@@ -92,18 +94,21 @@ def own(a: Side, b: Side) -> Iterator[str]:
     """What differs between the rows."""
     yield from _differences(
         "Method",
-        *({words: getattr(side.cell, key) for key, words in OF_A_ROW.items()} for side in (a, b)),
+        *(
+            {words: getattr(side.method, key) for key, words in OF_A_METHOD.items()}
+            for side in (a, b)
+        ),
     )
-    yield from _differences("Component", a.cell.components, b.cell.components)
+    yield from _differences("Component", a.method.components, b.method.components)
     yield from _differences(
-        "Weights", *(dict.fromkeys(side.cell.record.get("about", ()), "used") for side in (a, b))
+        "Weights", *(dict.fromkeys(side.method.record.get("about", ()), "used") for side in (a, b))
     )
     yield from _differences("Code", *({"version": _code(side)} for side in (a, b)))
     # the metrics with all their settings, as rows were scored with them; none of rows scored again
     resolved = [
         {
             name: spec
-            for part in side.results.parts(side.cell.name)
+            for part in side.results.parts(side.method.name)
             for name, spec in part.metrics.items()
         }
         for side in (a, b)
@@ -112,7 +117,7 @@ def own(a: Side, b: Side) -> Iterator[str]:
     yield from _differences(
         "Metric", *({name: one[name] for name in sorted(both)} for one in resolved)
     )
-    failed = [side.results.failures(side.cell.name) for side in (a, b)]
+    failed = [side.results.failures(side.method.name) for side in (a, b)]
     for name, one, other in (("A", failed[0], failed[1]), ("B", failed[1], failed[0])):
         only = sorted(one.keys() - other.keys())
         if only:
@@ -127,8 +132,8 @@ def differences(a: Side, b: Side) -> Iterator[str]:
     """Each metric's means as in tables, and the paired difference over common clips with its
     interval, if any.
     """
-    rows = [side.results.scores(side.cell.name) for side in (a, b)]
-    samples = " (means over samples)" if max(a.cell.num_samples, b.cell.num_samples) > 1 else ""
+    rows = [side.results.scores(side.method.name) for side in (a, b)]
+    samples = " (means over samples)" if max(a.method.num_samples, b.method.num_samples) > 1 else ""
     for metric in (name for name in a.protocol["metrics"] if name in b.protocol["metrics"]):
         means = []
         for table in rows:
@@ -157,21 +162,23 @@ def differences(a: Side, b: Side) -> Iterator[str]:
         yield f"{text}."
 
 
-def _rows(results: Results) -> dict[str, Cell]:
-    return {cell.label: cell for cell in results.cells()}
+def _rows(results: Results) -> dict[str, Method]:
+    return {method.label: method for method in results.methods()}
 
 
-def _row(results: Results, cells: Mapping[str, Cell], name: str) -> Cell:
-    found = cells.get(name) or next((cell for cell in cells.values() if cell.name == name), None)
+def _method(results: Results, methods: Mapping[str, Method], name: str) -> Method:
+    found = methods.get(name) or next(
+        (method for method in methods.values() if method.name == name), None
+    )
     if found is None:
-        raise BadData(f"{results.root} has no method {name!r}{registry.nearest(name, cells)}")
+        raise BadData(f"{results.root} has no method {name!r}{registry.nearest(name, methods)}")
     return found
 
 
 def _code(side: Side) -> str:
     """The versions of the code that the row's clips were computed with."""
-    codes = {part.code for part in side.results.parts(side.cell.name)} or {
-        str(side.cell.record.get("code", ""))
+    codes = {part.code for part in side.results.parts(side.method.name)} or {
+        str(side.method.record.get("code", ""))
     }
     return " and ".join(sorted(code or "not stored" for code in codes))
 

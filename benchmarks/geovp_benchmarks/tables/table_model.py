@@ -12,7 +12,7 @@ from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.analysis.intervals import Interval
 from geovp_benchmarks.analysis.statistics import Estimate
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
-from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.store import Method
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import BoolArray, FloatArray, IntArray
@@ -143,21 +143,22 @@ class Choice:
     ] = ()  # rows as tables name them; a method's name stands for all of its rows
     metrics: tuple[str, ...] = ()  # columns: "psnr", "psnr@covered", "coverage"
 
-    def cells(self, cells: Sequence[Cell]) -> list[Cell]:
-        """Return the cells of the chosen rows; BadData when a name is none of theirs."""
+    def select(self, methods: Sequence[Method]) -> list[Method]:
+        """Return the methods of the chosen rows; BadData when a name is none of theirs."""
         found = {}
         for name in self.methods:
-            own = [cell for cell in cells if _is_of(name, cell.label)]
+            own = [method for method in methods if _is_of(name, method.label)]
             if not own:
                 raise BadData(
-                    f"no method is called {name!r}{nearest(name, (cell.label for cell in cells))}"
+                    f"no method is called {name!r}"
+                    f"{nearest(name, (method.label for method in methods))}"
                 )
-            found.update({cell.name: cell for cell in own})
-        return [*found.values()] if self.methods else list(cells)
+            found.update({method.name: method for method in own})
+        return [*found.values()] if self.methods else list(methods)
 
     def rows(self, rows: Sequence[MethodScores]) -> list[MethodScores]:
-        """Return the chosen ones of the chosen cells' rows, each once; BadData when a name is none
-        of theirs.
+        """Return the chosen ones of the chosen methods' rows, each once; BadData when a name is
+        none of theirs.
         """
         if not self.methods:
             return list(rows)

@@ -12,7 +12,7 @@ from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.analysis.statistics import Cube
 from geovp_benchmarks.results import provenance
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE
-from geovp_benchmarks.results.store import Cell, Results, Rows
+from geovp_benchmarks.results.store import Method, Results, Rows
 from geovp_benchmarks.results.stored_facts import (
     bounds,
     higher_is_better,
@@ -65,25 +65,27 @@ def build(
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. Of a choice of columns there is but one table, and methods compete among those chosen.
     """
-    protocol, cells = results.protocol(), choice.cells(results.cells())
-    ran = [cell for cell in cells if cell.status in ("done", "partial")]
-    failures = {cell.name: results.failures(cell.name) for cell in ran}
-    scores = {cell.name: results.scores(cell.name) for cell in ran}
+    protocol, methods = results.protocol(), choice.select(results.methods())
+    ran = [method for method in methods if method.status in ("done", "partial")]
+    failures = {method.name: results.failures(method.name) for method in ran}
+    scores = {method.name: results.scores(method.name) for method in ran}
     if strict:
         for name, rows in scores.items():
             scores[name] = rows.of_clips({*rows.clip.categories} - failures[name].keys())
     keys = _keys(scores.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
     main = choice.columns(metrics, keys) or [key for key in metrics if key not in ALWAYS_SCORED]
-    lines = [line for cell in ran for line in _lines(cell, scores[cell.name], protocol)]
-    methods = choice.rows(lines)
+    lines = [line for method in ran for line in _lines(method, scores[method.name], protocol)]
+    table_rows = choice.rows(lines)
     headings = {key: title(key) for key in main}
-    tables = [_table("scores", "whole frames and poses", headings, protocol, methods, cells)]
+    tables = [_table("scores", "whole frames and poses", headings, protocol, table_rows, methods)]
     if not choice.metrics:
         frame_metrics = [name for name in main if metrics[name]["role"] == "frame"]
-        tables += _pixel_tables(frame_metrics, keys, protocol, methods, cells)
-        tables += [table for name in main for table in _sampled(name, protocol, cells, scores)]
-    excuses = [_excuse(cell, failures[cell.name], strict) for cell in ran if failures[cell.name]]
+        tables += _pixel_tables(frame_metrics, keys, protocol, table_rows, methods)
+        tables += [table for name in main for table in _sampled(name, protocol, methods, scores)]
+    excuses = [
+        _excuse(method, failures[method.name], strict) for method in ran if failures[method.name]
+    ]
     tables = [replace(table, spread=spread) for table in tables]
     return [
         replace(table, notes=(table.notes[0], *_used(table), *table.notes[1:], *excuses))
@@ -95,8 +97,8 @@ def _pixel_tables(
     metrics: Sequence[str],
     keys: Sequence[str],
     protocol: Mapping[str, Any],
-    methods: Sequence[MethodScores],
-    cells: Sequence[Cell],
+    table_rows: Sequence[MethodScores],
+    methods: Sequence[Method],
 ) -> list[Table]:
     """Return a table per metric that was also taken over sets of pixels."""
     tables = []
@@ -107,19 +109,19 @@ def _pixel_tables(
             columns |= {key: f"{key.partition('@')[2]} pixels" for key in sets}
             columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
             heading = f"{title(name)} over sets of pixels"
-            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+            tables.append(_table(f"pixels-{name}", heading, columns, protocol, table_rows, methods))
     return tables
 
 
-def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
+def _excuse(method: Method, failures: Mapping[str, str], strict: bool) -> str:
     """Return which clips a method could not predict, why, and how they count."""
     treated = (
         "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
     )
     names = ", ".join([*failures][:3]) + (" ..." if len(failures) > 3 else "")
     reasons = "; ".join(dict.fromkeys(failures.values()))
-    count = f"{len(failures)} of {cell.num_clips} clips could not be predicted"
-    return f"{cell.label}: {count}, {treated}: {names}: {reasons}."
+    count = f"{len(failures)} of {method.num_clips} clips could not be predicted"
+    return f"{method.label}: {count}, {treated}: {names}: {reasons}."
 
 
 def against(
@@ -225,12 +227,12 @@ def _table(
     columns: Mapping[str, str],  # key -> words
     protocol: Mapping[str, Any],
     rows: Sequence[MethodScores],
-    cells: Sequence[Cell],
+    methods: Sequence[Method],
 ) -> Table:
     abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
     made = tuple(_column(key, words, abouts[key], rows) for key, words in columns.items())
     shown = {key.partition("@")[0]: about for key, about in abouts.items()}
-    notes, bold = tuple(_notes(protocol, shown, cells)), best(rows, made, protocol["clips"])
+    notes, bold = tuple(_notes(protocol, shown, methods)), best(rows, made, protocol["clips"])
     return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), notes, bold)
 
 
@@ -245,7 +247,7 @@ def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Metho
     return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
 
 
-def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[MethodScores]:
+def _lines(method: Method, rows: Rows, protocol: Mapping[str, Any]) -> list[MethodScores]:
     """Return the scores of a method; with several samples also those of the best ones."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
@@ -260,11 +262,11 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[MethodSc
         }
         by_truth, own = (
             reduce is not statistics.mean_of_samples,
-            provenance.method_id(cell, protocol),
+            provenance.method_id(method, protocol),
         )
         lines.append(
             MethodScores.of(
-                cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends
+                method.label + suffix, marks(method), values, clips, scored, by_truth, own, ends
             )
         )
     return lines
@@ -309,34 +311,38 @@ def _reductions(
 
 
 def _sampled(
-    name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]
+    name: str, protocol: Mapping[str, Any], methods: Sequence[Method], rows: Mapping[str, Rows]
 ) -> list[Table]:
-    """Return the expected best of k samples in one metric, where a cell has several samples."""
+    """Return the expected best of k samples in one metric, where a method has several samples."""
     about = protocol["metrics"][name]
     higher = higher_is_better(name, about)
     if higher is None:
         return []
-    many = [cell for cell in cells if cell.name in rows and cell.num_samples > 1]
+    many = [method for method in methods if method.name in rows and method.num_samples > 1]
     curves = [
-        statistics.expected_best(statistics.cube(rows[cell.name], name), higher) for cell in many
+        statistics.expected_best(statistics.cube(rows[method.name], name), higher)
+        for method in many
     ]
     most = max((curve.shape[1] for curve in curves), default=1)
     if most < 2:
         return []
     counts = sorted({1, most, *(count for count in SAMPLE_COUNTS if count < most)})
     clips, lines = protocol["clips"], []
-    for cell, curve in zip(many, curves, strict=True):
-        cube = statistics.cube(rows[cell.name], name)
+    for method, curve in zip(many, curves, strict=True):
+        cube = statistics.cube(rows[method.name], name)
         values = {
             f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips)
             for k in counts
             if k <= curve.shape[1]
         }
-        ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
+        ends, own = (
+            dict.fromkeys(values, bounds(name, about)),
+            provenance.method_id(method, protocol),
+        )
         scored = _is_among(clips, cube.clips)
         lines.append(
             MethodScores.of(
-                cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends
+                method.label, marks(method), values, clips, scored, protocol=own, bounds=ends
             )
         )
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
@@ -348,31 +354,31 @@ def _sampled(
 
 
 def _notes(
-    protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]
+    protocol: Mapping[str, Any], shown: Mapping[str, Any], methods: Sequence[Method]
 ) -> list[str]:
     notes = [f"{summary(protocol)}."]
-    if any(cell.num_samples > 1 for cell in cells):
+    if any(method.num_samples > 1 for method in methods):
         notes.append(BEST_OF)
-    notes += legend(cells)
+    notes += legend(methods)
     for name, about in shown.items():
         if about["unavailable"]:
             notes.append(f"{title(name)}: unavailable: {about['unavailable']}.")
         elif about.get("definition"):
             notes.append(f"{title(name)}: {about['definition']}.")
-    for cell in cells:
-        if cell.status == "partial":
+    for method in methods:
+        if method.status == "partial":
             notes.append(
-                f"{cell.label}: partial: {cell.num_clips} of {len(protocol['clips'])} clips; "
+                f"{method.label}: partial: {method.num_clips} of {len(protocol['clips'])} clips; "
                 "run again."
             )
-        elif cell.status != "done":
-            notes.append(f"{cell.label}: {cell.status}: {cell.reason}.")
-    outdated = [cell.label for cell in cells if cell.num_outdated]
+        elif method.status != "done":
+            notes.append(f"{method.label}: {method.status}: {method.reason}.")
+    outdated = [method.label for method in methods if method.num_outdated]
     if outdated:
         notes.append(
             f"Computed by another version of the code, in whole or in part: {', '.join(outdated)}."
         )
-    return [*notes, *provenance.weights_notes(cells), *provenance.id_notes(cells, protocol)]
+    return [*notes, *provenance.weights_notes(methods), *provenance.id_notes(methods, protocol)]
 
 
 def _keys(tables: Iterable[Rows]) -> list[str]:

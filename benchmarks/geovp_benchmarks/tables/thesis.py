@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results import provenance
-from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import legend, marks, summary
 from geovp_benchmarks.tables.formats import grid
 from geovp_benchmarks.tables.latex import tex_escaped
@@ -135,17 +135,17 @@ def figures(drawn: Sequence[str]) -> list[str]:
 
 def blocks(results: Results) -> tuple[Block, Block]:
     """What was measured here, and what was published."""
-    protocol, cells = results.protocol(), results.cells()
-    done = [cell for cell in cells if cell.status in ("done", "partial")]
-    lines = sorted((_line(cell, results) for cell in done), key=lambda line: line.rank)
+    protocol, methods = results.protocol(), results.methods()
+    done = [method for method in methods if method.status in ("done", "partial")]
+    lines = sorted((_line(method, results) for method in done), key=lambda line: line.rank)
     notes = [
         f"{summary(protocol)}.{_split(protocol)}",
         f"{statistics.KIND}. Methods with several samples: the best of each column, as in "
         "the thesis.",
         f"{BOLD}.",
-        *_absences(cells, lines),
-        *legend(cells),
-        *provenance.weights_notes(cells),
+        *_absences(methods, lines),
+        *legend(methods),
+        *provenance.weights_notes(methods),
         *provenance.id_notes(done, protocol),
     ]
     paper = published()
@@ -177,41 +177,45 @@ def _split(protocol: Mapping[str, Any]) -> str:
     )
 
 
-def _line(cell: Cell, results: Results) -> Line:
-    name = _name(cell)
-    rows, values = results.scores(cell.name), []
+def _line(method: Method, results: Results) -> Line:
+    name = _name(method)
+    rows, values = results.scores(method.name), []
     for metric in METRICS:
         cube = statistics.cube(rows, metric)
         higher = metric != "lpips"
-        reduce = statistics.best_of_samples if cell.num_samples > 1 else statistics.mean_of_samples
+        reduce = (
+            statistics.best_of_samples if method.num_samples > 1 else statistics.mean_of_samples
+        )
         estimate = statistics.overall(reduce(cube, higher))
         values.append(
             (float(estimate.mean), float(estimate.error)) if int(estimate.count) else None
         )
     order = [_family(str(row["name"])) for row in published()["row"]]  # the thesis's
     if _family(name) in order:
-        return Line(name, order.index(_family(name)), tuple(values), cell.privileged_inputs)
-    samples = f", best of {cell.num_samples}" if cell.num_samples > 1 else ""
+        return Line(name, order.index(_family(name)), tuple(values), method.privileged_inputs)
+    samples = f", best of {method.num_samples}" if method.num_samples > 1 else ""
     return Line(
-        f"{name}{samples}" + (f" [{marks(cell)}]" if cell.privileged_inputs else ""),
+        f"{name}{samples}" + (f" [{marks(method)}]" if method.privileged_inputs else ""),
         len(order),
         tuple(values),
-        cell.privileged_inputs,
+        method.privileged_inputs,
     )
 
 
-def _name(cell: Cell) -> str:
-    """The thesis's name of such a cell; the cell's own label where it has none."""
-    parts = cell.components.get("predictor", cell.components)
+def _name(method: Method) -> str:
+    """The thesis's name of such a method; the method's own label where it has none."""
+    parts = method.components.get("predictor", method.components)
     if parts.get("name") in STOCHASTIC:
-        return f"{parts['name'].upper()} - {cell.num_samples} Sample{'s' * (cell.num_samples > 1)}"
+        return (
+            f"{parts['name'].upper()} - {method.num_samples} Sample{'s' * (method.num_samples > 1)}"
+        )
     source = parts.get("pose_source", {})
     names = tuple(filter(None, (source.get("name"), source.get("source", {}).get("name"))))
     if parts.get("renderer", {}).get("name") == "synsin":
         for name, sources in GEOMETRIC.items():
             if names == sources:
                 return name if name == "Ours" else f"{name} + SynSin"
-    return cell.label
+    return method.label
 
 
 def _family(name: str) -> str:
@@ -238,19 +242,20 @@ def _text(value: tuple[float, float] | None) -> str:
     return f"{value[0]:.{DECIMALS}f}{error}"
 
 
-def _absences(cells: Sequence[Cell], present: Sequence[Line]) -> list[str]:
-    """The thesis's rows that are missing here, cells that are not done, and clips that a row could
-    not predict.
+def _absences(methods: Sequence[Method], present: Sequence[Line]) -> list[str]:
+    """The thesis's rows that are missing here, methods that are not done, and clips that a method
+    could not predict.
     """
     here = {line.rank for line in present}
     names = [str(row["name"]) for rank, row in enumerate(published()["row"]) if rank not in here]
     notes = [f"Not in these results: {', '.join(names)}."] if names else []
-    other = [cell for cell in cells if cell.status != "done"]
-    notes += [f"{cell.label}: {cell.status}: {cell.reason or 'run again'}." for cell in other]
-    failed = [cell for cell in cells if cell.num_failed]
+    other = [method for method in methods if method.status != "done"]
+    notes += [
+        f"{method.label}: {method.status}: {method.reason or 'run again'}." for method in other
+    ]
+    failed = [method for method in methods if method.num_failed]
     return notes + [
-        f"{cell.label}: {cell.num_failed} of {cell.num_clips} clips could not be predicted and "
-        "count as copies of the "
-        "last frame."
-        for cell in failed
+        f"{method.label}: {method.num_failed} of {method.num_clips} clips could not be predicted "
+        "and count as copies of the last frame."
+        for method in failed
     ]

@@ -210,7 +210,7 @@ def corrupted(
 
 
 def _mean(gains: FloatArray) -> FloatArray:
-    """Means [cells] over the clips [clips, cells] that could be predicted; NaN where none could."""
+    """Return means [methods] over the predicted clips [clips, methods]; NaN without one."""
     known = np.isfinite(gains)
     total, count = np.where(known, gains, 0).sum(axis=0), known.sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -222,16 +222,16 @@ def _text(gain: float) -> str:
     return f"{gain:>11.1f}" + ("<" if gain < -LIMIT_DB else " ")
 
 
-def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
+def _page(what: str, methods: list[str], means: dict[str, FloatArray]) -> str:
     """What is written of the table, in Markdown."""
     from geovp_benchmarks.tables.formats import grid
 
-    rows = [["corruption, severity", *cells]]
+    rows = [["corruption, severity", *methods]]
     for name, gains in means.items():
         for severity, line in enumerate(gains, 1):
             texts = [f"**{gain:.1f}**" if gain < -LIMIT_DB else f"{gain:.1f}" for gain in line]
             rows.append([f"{name} {severity}", *("-" if text == "nan" else text for text in texts)])
-    values, names = np.concatenate(list(means.values())), np.array(cells)
+    values, names = np.concatenate(list(means.values())), np.array(methods)
     crop, wide = (values[:, np.char.endswith(names, renderer)] for renderer in ("crop", "full"))
     below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
     lines = [

@@ -16,9 +16,9 @@ PANEL_IN = (1.5, 1.05)
 def corruption_figure(
     gains_db: Mapping[
         str, FloatArray
-    ],  # [severities, cells] of each corruption, in dB over copying the last frame
-    cells: Sequence[tuple[str, str]],  # pose source and renderer of each cell
-    limit_db: float,  # that no cell should be further below copying
+    ],  # [severities, methods] of each corruption, in dB over copying the last frame
+    methods: Sequence[tuple[str, str]],  # pose source and renderer of each method
+    limit_db: float,  # that no method should be further below copying
 ) -> Figure:
     """Draw a panel per corruption and a line per method; with one severity, lines are level."""
     rows = -(-len(gains_db) // NUM_COLUMNS)
@@ -30,13 +30,15 @@ def corruption_figure(
             axes.axhline(-limit_db, color=style.FAINT, linewidth=0.8)
             axes.set_title(name, fontsize=6.5)
             severities = np.arange(1, 1 + max(len(gains), 4))
-            for values, line, cell in zip(gains.T, style.line_styles(cells), cells, strict=True):
+            for values, line, method in zip(
+                gains.T, style.line_styles(methods), methods, strict=True
+            ):
                 shown = np.broadcast_to(values, severities.shape) if len(values) == 1 else values
                 axes.plot(
                     severities,
                     shown,
                     **(line.kwargs(1.0) | {"markersize": 2.5}),
-                    label=" ".join(cell),
+                    label=" ".join(method),
                 )
         for axes in panels[len(gains_db) :]:
             axes.set_visible(False)
@@ -44,5 +46,5 @@ def corruption_figure(
         figure.supxlabel("severity", fontsize=7)
         figure.supylabel("dB over copying the last frame", fontsize=7)
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(cells), fontsize=7)
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=7)
     return figure

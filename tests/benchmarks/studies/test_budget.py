@@ -14,7 +14,7 @@ from geovp_benchmarks.evaluation.budget import offsets, stages
 from geovp_benchmarks.evaluation.budget.images import ClipImages, with_true_depth
 from geovp_benchmarks.evaluation.budget.offsets import Offset
 from geovp_benchmarks.evaluation.budget.poses import ClipMotions
-from geovp_benchmarks.evaluation.budget.scores import Scores, Subject, find_row, text
+from geovp_benchmarks.evaluation.budget.scores import Scores, Subject, find_method, text
 from geovp_benchmarks.evaluation.budget.stages import NONE, Budget
 from geovp_benchmarks.matrix import schema
 from geovp_classic.data.synthetic.dataset import Synthetic
@@ -208,7 +208,7 @@ def test_a_predictor_made_of_both_parts_is_a_row() -> None:
         "pose_source": {"name": "stand-still"},
         "renderer": {"name": "depth-fusion"},
     }
-    label, predictor = find_row(
+    label, predictor = find_method(
         schema.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole"
     )
     assert label == "whole"

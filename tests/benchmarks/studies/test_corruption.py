@@ -60,13 +60,13 @@ def test_a_black_frame_costs_fusion_little(clip: Clip) -> None:
     assert black > clean - 0.5
 
 
-def test_curves_have_a_panel_a_corruption_and_a_line_a_cell() -> None:
-    cells = [("true", "crop"), ("vo", "crop")]
+def test_curves_have_a_panel_a_corruption_and_a_line_a_method() -> None:
+    methods = [("true", "crop"), ("vo", "crop")]
     gains = {
         "none": np.array([[9.0, 6.0]]),
         "hood": np.array([[8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0]]),
     }
-    figure = corruption_figure(gains, cells, 0.5)
+    figure = corruption_figure(gains, methods, 0.5)
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_title() for axes in shown] == ["none", "hood"]
     clean, hood = (axes.get_lines()[1:] for axes in shown)

@@ -39,7 +39,7 @@ FACTS: dict[str, Any] = {
     },
 }
 # name: (pose source, renderer, status, samples, metres a step, is metric)
-CELLS: dict[str, tuple[str | None, str | None, str, int, float, bool]] = {
+METHODS: dict[str, tuple[str | None, str | None, str, int, float, bool]] = {
     "gt--far": ("gt", "far", "done", 1, 1.0, True),
     "_vo--far": ("_vo", "far", "partial", 1, 0.5, False),
     "kalman--far": ("kalman", "far", "done", 3, 1.2, True),
@@ -56,7 +56,7 @@ def straight(metres_a_step: float, count: int, *, is_metric: bool = True) -> Tra
 
 
 def record(name: str) -> dict[str, Any]:
-    source, renderer, status, samples, _, _ = CELLS[name]
+    source, renderer, status, samples, _, _ = METHODS[name]
     geometric = {
         "label": f"{source} + far",
         "kind": "geometric",
@@ -92,16 +92,16 @@ def record(name: str) -> dict[str, Any]:
 
 
 def rows(name: str) -> Rows:
-    """PSNR is 20 + clip + sample - step for every cell: its mean over three clips is 21 - step with
+    """PSNR is 20 + clip + sample - step for every method: its mean over three clips is 21 - step with
     one sample.
     """
-    clips = CLIPS[:2] if CELLS[name][2] == "partial" else CLIPS
+    clips = CLIPS[:2] if METHODS[name][2] == "partial" else CLIPS
     found = []
     for number, clip in enumerate(clips):
-        for sample in range(CELLS[name][3]):
+        for sample in range(METHODS[name][3]):
             for step in range(1, FUTURE + 1):
                 found.append((clip, sample, step, "psnr", 20.0 + number + sample - step))
-                if CELLS[name][0] is not None:
+                if METHODS[name][0] is not None:
                     found.append((clip, sample, step, "translation-error", 0.1 * step))
                     found.append((clip, sample, step, "final-gap", 1.0 if step == FUTURE else None))
                     found.append(
@@ -111,8 +111,8 @@ def rows(name: str) -> Rows:
 
 
 def keep(results: Results, name: str) -> None:
-    source, _, _, samples, metres, is_metric = CELLS[name]
-    tone = 10 * list(CELLS).index(name)
+    source, _, _, samples, metres, is_metric = METHODS[name]
+    tone = 10 * list(METHODS).index(name)
     frames = np.full((samples, FUTURE, SIDE, SIDE, 3), tone, np.uint8)
     frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[
         :, None, None, None
@@ -138,7 +138,7 @@ def fill(root: Path) -> Path:
     }
     some = {
         "versions": {"numpy": "9.9.9"},
-        "cells": list(CELLS),
+        "methods": list(METHODS),
         "clips": list(CLIPS),
         "fingerprint": "p",
     }
@@ -149,8 +149,8 @@ def fill(root: Path) -> Path:
     frames += np.arange(PAST + FUTURE, dtype=np.uint8)[:, None, None, None]
     drive = straight(1.0, PAST + FUTURE)
     results.write_clip(Clip(KEPT, frames, drive.times_s, CAMERA, drive))
-    for name, (_, _, status, _, _, _) in CELLS.items():
-        results.write_cell(name, record(name))
+    for name, (_, _, status, _, _, _) in METHODS.items():
+        results.write_method(name, record(name))
         if status in ("done", "partial"):
             results.write_part(name, rows(name), Part(CLIPS, "f", {}, {}, 1.0))
             keep(results, name)

@@ -169,7 +169,7 @@ class TestCurves:
         np.testing.assert_allclose(mean - single, 1.0)
         np.testing.assert_allclose(best - single, 2.0)
 
-    def test_the_best_of_k_has_a_line_for_every_cell_with_samples(
+    def test_the_best_of_k_has_a_line_for_every_method_with_samples(
         self, pages: dict[str, Page]
     ) -> None:
         """The first sample has 21 - step, 17.5 dB on average; the others 1 and 2 dB more: of pairs

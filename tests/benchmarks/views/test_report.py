@@ -205,7 +205,7 @@ def test_every_figure_is_made_once(
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
     protocol = Results(folder).protocol()
-    Results(tmp_path).write_protocol({**protocol, "cells": []})
+    Results(tmp_path).write_protocol({**protocol, "methods": []})
     report.write(Results(tmp_path))
     text = seen((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "3 clips of toy <val>, split val" in text

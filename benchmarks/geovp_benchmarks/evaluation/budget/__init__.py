@@ -10,14 +10,14 @@ over clips with intervals from a block bootstrap. What the stages mean:
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.arguments import add_row
+from geovp_benchmarks.arguments import add_method
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import PrivilegedInput
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which row of which matrix, and whether right images stand in for recorded depth."""
-    add_row(parser, "results/budget")
+    add_method(parser, "results/budget")
     help_text = "take the depth of right images for the true one, where there is no recorded depth"
     parser.add_argument("--stereo", action="store_true", help=help_text)
 

@@ -46,7 +46,7 @@ class Subject:
         """
         read = schema.read(chosen.matrix).with_root(chosen.root)
         read = read.replace(stride=chosen.stride or read.stride)
-        label, predictor = find_row(read, chosen.method)
+        label, predictor = find_method(read, chosen.method)
         dataset = read.build_dataset(predictor.needs | needs)
         num_clips = min(len(dataset), chosen.limit or len(dataset))
         metrics = {
@@ -74,7 +74,7 @@ class Subject:
         )
 
 
-def find_row(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:
+def find_method(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:
     """The row's label and its built components."""
     plans = {plan.label: plan for plan in read.methods}
     geometric = [plan.label for plan in read.methods if plan.kind == "geometric"]
