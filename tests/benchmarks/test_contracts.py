@@ -19,7 +19,6 @@ from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import (
-    Clip,
     Context,
     FloatArray,
     Intrinsics,
@@ -45,8 +44,8 @@ def test_registered_components_keep_their_promises(
     assert len(findings) >= 3
 
 
-def findings_of(role: str, component: Any, clip: Clip | None = None) -> dict[str, Finding]:
-    return {finding.name: finding for finding in check(role, component, clip)}
+def findings_of(role: str, component: Any) -> dict[str, Finding]:
+    return {finding.name: finding for finding in check(role, component)}
 
 
 def broken(role: str, component: Any) -> dict[str, str]:
@@ -184,7 +183,12 @@ INDEPENDENT = "renders each view from its own pose and time alone"
         ("odometries", Fragile(), STATIONARY, "ZeroDivisionError: no parallax"),
         ("odometries", Fragile(), TWO_FRAMES, "ZeroDivisionError: no parallax"),
         ("inpainters", Painter(), VALID, "covered pixels were changed"),
-        ("frame_metrics", UpsideDown(), VALID, "noise is as good as the truth"),
+        (
+            "frame_metrics",
+            UpsideDown(),
+            VALID,
+            "noise or a stationary camera is better",
+        ),
         ("renderers", Speechless(), "has the methods of its interface", "lacks needs, reconstruct"),
         ("renderers", Biased(by="number of poses"), INDEPENDENT, "its own pose and time alone"),
         ("renderers", Biased(by="row"), INDEPENDENT, "its own pose and time alone"),
@@ -212,8 +216,7 @@ def test_any_exception_of_a_plug_in_is_a_finding() -> None:
 
 
 def test_a_change_of_the_input_is_found() -> None:
-    writeable = replace(street.clip(), frames=street.clip().frames.copy())
-    findings = findings_of("predictors", Vandal(), writeable)
+    findings = findings_of("predictors", Vandal())
     assert not findings["does not change its input"].passed
 
 

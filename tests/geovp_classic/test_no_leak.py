@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.audit.contracts import street
-from geovp_benchmarks.audit.contracts.exercises import RUN, Trial
+from geovp_benchmarks.audit.contracts.checks import has_context
+from geovp_benchmarks.audit.contracts.outputs import Trial
 from geovp_classic import registry
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
@@ -23,7 +24,7 @@ from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
 NUM_PAST = 6
-ROLES = [role for role in RUN if hasattr(registry.PROTOCOL_OF_ROLE[role], "needs")]
+ROLES = [role for role in registry.ROLES if has_context(role)]
 COMPONENTS = [(role, name) for role in ROLES for name in registry.names(role)]
 FIELD_OF_INPUT = {
     PrivilegedInput.PAST_POSES: "past",
@@ -123,8 +124,8 @@ def watched(component: Any, calls: list[tuple[str, list[str]]]) -> Any:
 def calls_of(role: str, component: Any) -> list[tuple[str, list[str]]]:
     """Run a component on all privileged inputs and return the calls of its nested components."""
     calls: list[tuple[str, list[str]]] = []
-    trial = Trial(role, watched(component, calls), street.clip(), NUM_PAST)
-    trial.run(trial.full_context)
+    truth, _ = street.clip().split(NUM_PAST, ~PrivilegedInput.NONE)
+    Trial(role, watched(component, calls), truth).run(truth)
     return calls
 
 
@@ -143,7 +144,7 @@ class TestRegisteredComponents:
     ) -> None:
         component = build_component(role, name)
         clip = street.clip()
-        trial = Trial(role, component, clip, NUM_PAST)
+        trial = Trial(role, component, clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0])
         context, _ = clip.split(NUM_PAST, component.needs)
         false_context, _ = falsify(clip, component.needs).split(NUM_PAST, component.needs)
         outputs = trial.run(context)

@@ -37,7 +37,8 @@ def turns() -> list[list[ByteArray]]:
 def straight(step_m: float) -> list[ByteArray]:
     """Return a drive without any rotation."""
     twist = np.array([0.0, 0.0, step_m, 0.0, 0.0, 0.0])
-    frames, _ = street._render(se3.exp(np.outer(np.arange(20), twist)), street.WIDE)
+    camera = street.clip().full.intrinsics
+    frames, _ = street.render(se3.exp(np.outer(np.arange(20), twist)), camera)
     return [grey8(frame) for frame in frames]
 
 
