@@ -29,17 +29,15 @@ from geovp_benchmarks.results.store import Part, Results, Rows
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,
-    colmap,
     euroc,
     frames,
-    kitti,
     kitti_raw,
+    layouts,
     pose_files,
-    scan,
+    sequences,
     splits,
 )
-from geovp_classic.data.findings import Findings
-from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths
+from geovp_classic.data.findings import RAISE
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -47,7 +45,6 @@ NUM_MUTATIONS = 100
 MAX_SECONDS = 10.0
 MAX_MIB = 1024
 CAMERA = Intrinsics(60.0, 60.0, 23.5, 15.5, 48, 32)
-LENS = DistortedCamera(CAMERA, "OPENCV", (0, 0, 0, 0))
 NOISE = np.random.default_rng(0).integers(0, 2**16, (32, 48, 3), dtype=np.uint16)
 IMAGE = cv2.GaussianBlur((NOISE >> 8).astype(np.uint8), (0, 0), 1.5)
 POSES = np.tile(np.eye(4), (8, 1, 1))
@@ -94,14 +91,6 @@ def with_sums(write: Write) -> Write:
     return write_both
 
 
-def first_error(scan_file: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a scanning function; BadData for its first error."""
-    findings = Findings()
-    scanned = scan_file(*arguments, findings)
-    findings.raise_first()
-    return scanned
-
-
 def video(name: str, codec: str) -> Write:
     def write(folder: Path) -> Path:
         path = folder / name
@@ -115,7 +104,7 @@ def video(name: str, codec: str) -> Write:
 
 
 def read_video(path: Path) -> Any:
-    opened = frames.VideoFrames.open(path)
+    opened = frames.VideoFrames(path)
     return [opened.read(index) for index in range(len(opened))]
 
 
@@ -175,8 +164,7 @@ def colmap_model(file: str) -> Write:
 
 
 def read_colmap(path: Path) -> Any:
-    scanned = colmap.Colmap.scan(path.parents[1])
-    scanned.findings.raise_first()
+    scanned = layouts.detect(path.parents[1])[1].scan(path.parents[1], RAISE)
     return scanned.world_from_cam, [dataclasses.astuple(camera) for camera in scanned.cameras]
 
 
@@ -218,7 +206,7 @@ def poses(write: Callable[[Path, Trajectory], None]) -> Write:
 
 
 def read_calibration(path: Path) -> Any:
-    return calibration_files.read_calibration(path, path.parent)
+    return calibration_files.read_camera(path, path.parent, (48, 32))
 
 
 LENS_YAML = "distortion_coefficients: {data: [0.1, 0.01, 0, 0]}\n"
@@ -251,32 +239,26 @@ TIMES = "".join(f"{n / 10}\n" for n in range(9))
 READERS: dict[str, Reader] = {
     "kitti poses": Reader(poses(pose_files.write_kitti), pose_files.read_kitti),
     "tum poses": Reader(poses(pose_files.write_tum), pose_files.read_tum),
-    "asl poses": Reader(
-        text("data.csv", ASL), lambda path: first_error(pose_files.scan_asl, path, 1e18)
-    ),
+    "asl poses": Reader(text("data.csv", ASL), lambda path: pose_files.read_asl(path, 1e18)),
     "times": Reader(text("times.txt", TIMES), pose_files.read_times),
     "calib.txt": Reader(
         text("calib.txt", KITTI_CALIBRATION),
-        lambda path: first_error(kitti.scan_projection, path, "P1"),
+        lambda path: calibration_files.read_projection(path, "P1", RAISE),
     ),
     "raw timestamps": Reader(
         text("timestamps.txt", STAMPS),
-        lambda path: first_error(kitti_raw.scan_timestamps, path),
+        lambda path: kitti_raw.read_timestamps(path, RAISE),
     ),
     "cameras.txt": Reader(text("cameras.txt", COLMAP_CALIBRATION), read_calibration),
     "ros yaml": Reader(text("c.yaml", ROS_YAML), read_calibration),
     "sensor.yaml": Reader(text("sensor.yaml", SENSOR_YAML), euroc.read_sensor),
-    "rgb.txt": Reader(rgb_list, lambda path: first_error(scan.scan_list, path, path.parent)),
+    "rgb.txt": Reader(rgb_list, lambda path: sequences.read_list(path, path.parent, RAISE)),
     "split": Reader(
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),
     "matrix": Reader(text("m.toml", MATRIX), lambda path: schema.read(path).to_json()),
     "png": Reader(image("a.png"), frames.read_image, has_checksum=True),
-    "depth": Reader(
-        image("d.png", NOISE[..., 0]),
-        lambda path: UndistortedDepths((path,), (LENS,), LENS.pinhole, 5000.0)(0),
-        has_checksum=True,
-    ),
+    "depth": Reader(image("d.png", NOISE[..., 0]), frames.read_depth, has_checksum=True),
     "jpg": Reader(image("a.jpg"), frames.read_image),
     "bmp": Reader(image("a.bmp"), frames.read_image),
     "tif": Reader(image("a.tif"), frames.read_image),

@@ -1,4 +1,4 @@
-"""Intrinsics from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS
+"""Cameras from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS
 and Kalibr YAML.
 
 EXIF data of photos give a focal length alone.
@@ -6,7 +6,7 @@ EXIF data of photos give a focal length alone.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,90 +15,78 @@ import yaml
 from PIL import ExifTags, Image
 
 from geovp_classic import files
-from geovp_classic.data import kitti
-from geovp_classic.data.findings import Findings
+from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.frames import Size
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
-from geovp_classic.types import Intrinsics
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Intrinsics
 
-FILM_DIAGONAL_MM = 43.27  # of 36 x 24 mm, to which an equivalent focal length refers (CIPA DCG-001)
-EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
+KITTI_CAMERAS = (
+    2,
+    0,
+    1,
+    3,
+)  # by preference: left colour, left grey, then the others
 # COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
-MODELS = dict.fromkeys(
-    ["equidistant", "fisheye"], "OPENCV_FISHEYE"
-) | dict.fromkeys(
-    ["none", "plumb_bob", "radtan", "radial-tangential", "rational_polynomial"],
-    "FULL_OPENCV",
+RADTAN = (
+    "none",
+    "plumb_bob",
+    "radtan",
+    "radial-tangential",
+    "rational_polynomial",
 )
+MODELS = dict.fromkeys(RADTAN, "FULL_OPENCV")
+MODELS |= {"equidistant": "OPENCV_FISHEYE", "fisheye": "OPENCV_FISHEYE"}
+Projection = tuple[tuple[float, float, float, float], FloatArray]
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """The camera of a file; its size is None if the file does not state it."""
+def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
+    """Read the camera of images of a size.
 
-    # fx, fy, cx, cy in pixels; (0, 0) is the centre of the top-left one
-    numbers: tuple[float, float, float, float]
-    size_px: tuple[int, int] | None = None
-    distortion: tuple[float, ...] = ()
-    # COLMAP's name of the distortion model; FULL_OPENCV may have fewer than its eight coefficients
-    model: str = "FULL_OPENCV"
-
-    def __post_init__(self) -> None:
-        width_px, height_px = self.size_px or (1, 1)
-        Intrinsics(*self.numbers, width_px, height_px)
-
-    def of_size(self, path: Path, width_px: int, height_px: int) -> Intrinsics:
-        """Return the camera of images of a size.
-
-        BadData if the file is about images of another aspect ratio.
-        """
-        width, height = self.size_px or (width_px, height_px)
-        if abs(np.log(width * height_px / (height * width_px))) > 0.01:
-            raise BadData(
-                f"{path} is about images of {width}x{height}, these are {width_px}x{height_px}: "
-                "give the file of this camera, or --intrinsics"
-            )
-        return Intrinsics(*self.numbers, width, height).resized(
-            width_px, height_px
-        )
-
-    def lens(self, camera: Intrinsics) -> DistortedCamera | None:
-        """Return `camera`, which is this one at some size, with the distortion.
-
-        None without distortion; BadData for a wrong number of coefficients.
-        """
-        if not any(self.distortion):
-            return None
-        coefficients = self.distortion
-        if self.model == "FULL_OPENCV":
-            if len(coefficients) not in (2, 4, 5, 8):
-                raise BadData(
-                    f"the distortion {list(coefficients)} has {len(coefficients)} coefficients, "
-                    "expected k1, k2 [, p1, p2 [, k3 [, k4, k5, k6]]]"
-                )
-            coefficients += (0.0,) * (8 - len(coefficients))
-        return DistortedCamera(camera, self.model, coefficients)
-
-
-def read_calibration(path: Path, images: Path) -> Calibration:
-    """Read the camera of a file.
-
-    Of several in KITTI's, it is the one of the folder `images`/.../image_K, else the usual one.
+    Of several cameras in KITTI's files, it is that of the folder `images`/.../image_K, else the
+    preferred one. BadData if the file is about images of another aspect ratio.
     """
     text = files.read_text(path, files.MIB)
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return from_yaml(path, load_yaml(path))
-    if match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
-        return _from_kitti(path, match[1], images)
-    return _from_colmap(path, text)
+    try:
+        if path.suffix.lower() in (".yaml", ".yml"):
+            camera = camera_of_yaml(load_yaml(text), size_px)
+        elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
+            folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
+            cameras = [folder[1]] if folder else KITTI_CAMERAS
+            names = [f"{match[1]}{camera}" for camera in cameras]
+            name = next(
+                (name for name in names if f"{name}:" in text), names[0]
+            )
+            numbers = read_projection(path, name, RAISE)
+            assert numbers is not None
+            camera = DistortedCamera(Intrinsics(*numbers[0], *size_px))
+        else:
+            camera = _camera_of_colmap(text)
+    except Exception as problem:  # the file may hold anything
+        reason = str(problem).partition("\n")[0][:200]
+        raise BadData(
+            f"{path} is not a calibration ({reason}): give KITTI's calib.txt, COLMAP's "
+            "cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
+        ) from problem
+    width_px, height_px = camera.size_px
+    if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
+        raise BadData(
+            f"{path} is about images of {width_px}x{height_px}, these are "
+            f"{size_px[0]}x{size_px[1]}: give the file of this camera, or --intrinsics"
+        )
+    return replace(camera, pinhole=camera.pinhole.resized(*size_px))
 
 
-def exif_focal_px(photo: Path) -> float | None:
+def exif_focal_px(
+    photo: Path | None, film_diagonal_mm: float = 43.27
+) -> float | None:
     """Return the focal length in pixels by the 35 mm equivalent in a photo's EXIF data.
 
-    None if the data state none.
+    None if the data state none. The equivalent refers to a film of 36 x 24 mm (CIPA DCG-001).
     """
     try:
+        assert photo is not None
         with files.opened(photo) as file, Image.open(file) as image:
             tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
             equivalent_mm = float(tags[ExifTags.Base.FocalLengthIn35mmFilm])
@@ -107,112 +95,96 @@ def exif_focal_px(photo: Path) -> float | None:
         Exception
     ):  # many programs write bad EXIF data, for which Pillow raises many types
         return None
-    if not 0 < equivalent_mm < 5000:
+    is_plausible = 0 < equivalent_mm < 5000
+    return (
+        equivalent_mm * diagonal_px / film_diagonal_mm if is_plausible else None
+    )
+
+
+def read_entry(
+    path: Path, name: str, count: int, findings: Findings
+) -> FloatArray | None:
+    """Read the numbers of the line `name: ...` in one of KITTI's files; None with a finding."""
+    for line, text in findings.lines(path):
+        key, _, numbers = text.partition(":")
+        if key == name:
+            with findings.catch(path, line):
+                return parse_numbers(numbers.split(), count)
+            return None
+    findings.add(path, f"has no line '{name}:'")
+    return None
+
+
+def read_projection(
+    path: Path, name: str, findings: Findings
+) -> Projection | None:
+    """Read the projection K [I | t] of a rectified camera in one of KITTI's files.
+
+    Return fx, fy, cx, cy in pixels, and cam_from_cam0 [4, 4]; None with a finding.
+    """
+    numbers = read_entry(path, name, 12, findings)
+    if numbers is None:
         return None
-    return equivalent_mm * diagonal_px / FILM_DIAGONAL_MM
-
-
-def _from_kitti(path: Path, prefix: str, images: Path) -> Calibration:
-    """Read the projection of the camera that `images` names, else of the preferred one."""
-    findings = Findings()
-    match = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
-    cameras = [int(match[1])] if match else kitti.PREFERRED_CAMERAS
-    for camera in cameras:
-        projection = kitti.scan_projection(path, f"{prefix}{camera}", findings)
-        if projection is not None:
-            return Calibration(projection[0])
-    findings.raise_first()
-    raise AssertionError
-
-
-def _from_colmap(path: Path, text: str) -> Calibration:
-    """Parse the only camera of a cameras.txt."""
-    from geovp_classic.colmap_library import pycolmap
-
-    rows = [
-        line.split()
-        for line in text.splitlines()
-        if line.strip() and not line.startswith("#")
-    ]
-    if len(rows) != 1:
-        raise BadData(
-            f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}"
+    projection = numbers.reshape(3, 4)
+    (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
+    camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
+        findings.add(
+            path,
+            f"{name} is not K [I | t] of a rectified camera: expected positive focal lengths, "
+            "zeros beside them, and 0 0 1 below",
         )
-    try:
-        _, name, width, height, *params = rows[0]
-        model = pycolmap.CameraModelId(
-            name
-        )  # Camera(model=name) leaks for unknown names
-        camera = pycolmap.Camera(
-            model=model,
-            width=int(width),
-            height=int(height),
-            params=[float(param) for param in params],
-        )
-        if not camera.verify_params():
-            raise ValueError("wrong number of parameters")
-        if (
-            not 0
-            < min(camera.width, camera.height)
-            <= max(camera.width, camera.height)
-            <= 2**16
-        ):
-            raise ValueError(f"its images are {width}x{height}")
-        lens = DistortedCamera.from_colmap(camera)
-    except Exception as problem:  # the file may hold anything
-        raise BadData(
-            f"{path}: {' '.join(rows[0])[:80]!r} is not a camera ({problem}): give {EXPECTED}"
-        ) from problem
-    view = lens.pinhole
-    numbers = (view.fx_px, view.fy_px, view.cx_px, view.cy_px)
-    return Calibration(numbers, lens.size_px, lens.distortion, lens.model)
+        return None
+    translation = np.linalg.solve(camera_matrix, projection[:, 3])
+    return (fx, fy, cx, cy), se3.compose(np.eye(3), translation)
 
 
-def load_yaml(path: Path) -> Mapping[str, Any]:
+def load_yaml(text: str) -> Mapping[str, Any]:
     """Load the table of a YAML file, that of the first camera in a Kalibr camchain."""
-    text = files.read_text(path, files.MIB)
-    try:
-        table = yaml.safe_load(
-            re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE)
-        )  # OpenCV's
-        table = table.get("cam0", table)
-        table.keys()
-    except Exception as problem:
-        raise _not_a_calibration(path, problem) from problem
-    return table
+    table = yaml.safe_load(
+        re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE)
+    )  # OpenCV's
+    return dict(table.get("cam0", table))
 
 
-def from_yaml(path: Path, table: Mapping[str, Any]) -> Calibration:
+def camera_of_yaml(
+    table: Mapping[str, Any], size_px: Size | None = None
+) -> DistortedCamera:
     """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout.
 
-    BadData for other camera models than pinhole, and unknown distortion models.
+    `size_px` is for tables that do not state it. ValueError, KeyError or TypeError for other
+    camera models than pinhole, unknown distortion models and missing numbers.
     """
-    try:
-        if table.get("camera_model", "pinhole") != "pinhole":
-            raise ValueError(
-                f"camera_model is {table['camera_model']!r}, expected pinhole"
-            )
-        if "intrinsics" in table:
-            fx, fy, cx, cy = table["intrinsics"]
-        else:
-            camera_matrix = _first(table, "camera_matrix", "K", "k")
-            fx, _, cx, _, fy, cy = matrix_data(camera_matrix)[:6]
-        width = _first(table, "image_width", "width")
-        height = _first(table, "image_height", "height")
-        width, height = table.get("resolution", (width, height))
-        lens = _first(
-            table, "distortion_coeffs", "distortion_coefficients", "D", "d"
+
+    def first(*keys: str) -> Any:
+        return next((table[key] for key in keys if key in table), None)
+
+    if table.get("camera_model", "pinhole") != "pinhole":
+        raise ValueError(
+            f"camera_model is {table['camera_model']!r}, expected pinhole"
         )
-        return Calibration(
-            (float(fx), float(fy), float(cx), float(cy)),
-            None
-            if width is None or height is None
-            else (int(width), int(height)),
-            tuple(float(coefficient) for coefficient in matrix_data(lens)),
-            MODELS[table.get("distortion_model") or "none"],
-        )
-    except Exception as problem:
-        raise _not_a_calibration(path, problem) from problem
+    fx, _, cx, _, fy, cy, *_ = (
+        matrix_data(first("camera_matrix", "K", "k")) or [0] * 6
+    )
+    if "intrinsics" in table:
+        fx, fy, cx, cy = table["intrinsics"]
+    stated_px = first("image_width", "width"), first("image_height", "height")
+    if None in stated_px:
+        stated_px = table.get("resolution", size_px)
+    width_px, height_px = stated_px
+    view = Intrinsics(
+        float(fx),
+        float(fy),
+        float(cx),
+        float(cy),
+        int(width_px),
+        int(height_px),
+    )
+    distortion = first("distortion_coeffs", "distortion_coefficients", "D", "d")
+    model = MODELS[table.get("distortion_model") or "none"]
+    return DistortedCamera(
+        view, model, tuple(map(float, matrix_data(distortion)))
+    )
 
 
 def matrix_data(value: Any) -> list[Any]:
@@ -220,11 +192,21 @@ def matrix_data(value: Any) -> list[Any]:
     return list(value["data"] if isinstance(value, Mapping) else value or [])
 
 
-def _first(table: Mapping[str, Any], *keys: str) -> Any:
-    """Return the value of the first key that a table has, else None."""
-    return next((table[key] for key in keys if key in table), None)
+def _camera_of_colmap(text: str) -> DistortedCamera:
+    """Parse the only camera of a cameras.txt."""
+    from geovp_classic.colmap_library import pycolmap
 
-
-def _not_a_calibration(path: Path, problem: Exception) -> BadData:
-    reason = str(problem).partition("\n")[0]
-    return BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}")
+    (line,) = [
+        line for line in text.splitlines() if line.strip() and line[0] != "#"
+    ]
+    _, name, width_px, height_px, *params = line.split()
+    # a Camera(model=name) would leak for unknown names
+    camera = pycolmap.Camera(
+        model=pycolmap.CameraModelId(name),
+        width=int(width_px),
+        height=int(height_px),
+        params=list(map(float, params)),
+    )
+    if not camera.verify_params() or max(camera.width, camera.height) > 2**16:
+        raise ValueError(f"{line[:80]!r} is not a camera")
+    return DistortedCamera.from_colmap(camera)

@@ -14,8 +14,7 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import is_image, natural_order
-from geovp_classic.data.scan import Scan, sequence_folders
-from geovp_classic.data.sequences import PosedSequences
+from geovp_classic.data.sequences import PosedSequences, Scan
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -34,6 +33,11 @@ class Colmap(PosedSequences):
     """
 
     name: ClassVar[str] = "colmap"
+    patterns: ClassVar[tuple[str, ...]] = (
+        "sparse/0/images.[bt]*",
+        "sparse/images.[bt]*",
+        "images.[bt]*",
+    )
 
     rate_hz: float = (
         10.0  # as KITTI; a model does not say when images were taken
@@ -47,80 +51,46 @@ class Colmap(PosedSequences):
             )
         super().__post_init__()
 
-    @staticmethod
-    def folders(root: Path) -> dict[str, Path]:
-        """Return the sequences of a root by name."""
-        return sequence_folders(
-            root,
-            lambda path: _model(path) is not None,
-            "a folder with images and sparse/0",
-        )
-
-    @staticmethod
-    def scan(
-        folder: Path, rate_hz: float = rate_hz, is_metric: bool = False
-    ) -> Scan:
+    def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
-        findings = Findings()
         root = folder / "images" if (folder / "images").is_dir() else folder
         images = sorted(
             filter(is_image, root.rglob("*")),
             key=lambda path: (path.parent, natural_order(path)),
         )
-        times_s = np.arange(len(images)) / rate_hz
-        names = [path.relative_to(root).as_posix() for path in images]
-        model = _model(folder)
+        times_s = np.arange(len(images)) / self.rate_hz
         registered: Registered = {}
-        try:
-            registered = {} if model is None else _read_model(model)
-        except BadData as problem:
-            findings.add(folder, problem)
+        with findings.catch(folder):
+            models = (
+                path.parent
+                for pattern in self.patterns
+                for path in folder.glob(pattern)
+            )
+            registered = _read_model(next(models))
+        names = [path.relative_to(root).as_posix() for path in images]
         missing = sorted(registered.keys() - set(names))
         if missing:
-            message = (
-                f"lacks {len(missing)} of {len(registered)} images of the model, the first being "
-                f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here"
-            )
-            findings.error(root, message)
-        if not registered and not findings:
-            findings.error(
+            findings.add(
                 root,
-                "has a model without a registered image: rerun COLMAP's mapper",
+                f"lacks {len(missing)} of {len(registered)} images of the model, the first being "
+                f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here",
             )
-        if findings:
-            return Scan(tuple(images), times_s, (), findings)
-        world_from_cam = np.full((len(images), 4, 4), np.nan)
-        _, any_camera = next(iter(registered.values()))
-        cameras = [any_camera] * len(images)
-        starts = set()
-        for number, name in enumerate(names):
-            if name in registered:
-                world_from_cam[number], cameras[number] = registered[name]
-            if images[number].parent != images[number - 1].parent:
-                starts.add(number)
+        if missing or not registered:
+            return Scan(tuple(images), times_s)
+        unregistered = (
+            np.full((4, 4), np.nan),
+            next(iter(registered.values()))[1],
+        )
+        views = [registered.get(name, unregistered) for name in names]
+        world_from_cam = np.stack([pose for pose, _ in views])
+        cameras = tuple(camera for _, camera in views)
         return Scan(
             tuple(images),
             times_s,
-            tuple(cameras),
-            findings,
+            cameras,
             world_from_cam,
-            is_metric=is_metric,
-            starts=frozenset(starts),
+            is_metric=self.is_metric,
         )
-
-    def _scan(self, folder: Path) -> Scan:
-        return self.scan(folder, self.rate_hz, self.is_metric)
-
-
-def _model(folder: Path) -> Path | None:
-    """Return the folder of a sequence's model."""
-    for name in ("sparse/0", "sparse", "."):
-        if any(
-            (folder / name / f"images.{suffix}").is_file()
-            for suffix in ("bin", "txt")
-        ):
-            return folder / name
-    return None
 
 
 def _read_model(model: Path) -> Registered:
@@ -135,13 +105,15 @@ def _read_model(model: Path) -> Registered:
         reconstruction = pycolmap.Reconstruction(str(model))
         for image in reconstruction.images.values():
             if image.has_pose:
-                lens = DistortedCamera.from_colmap(
+                camera = DistortedCamera.from_colmap(
                     reconstruction.cameras[image.camera_id]
                 )
                 cam_from_world = np.vstack(
                     [image.cam_from_world().matrix(), [0, 0, 0, 1]]
                 )
-                registered[image.name] = (se3.inverse(cam_from_world), lens)
+                registered[image.name] = se3.inverse(cam_from_world), camera
+        if not registered:
+            raise ValueError("no image is registered")
     except (
         ValueError,
         RuntimeError,
@@ -151,7 +123,8 @@ def _read_model(model: Path) -> Registered:
     ) as problem:
         reason = str(problem).strip().partition("\n")[0]
         raise BadData(
-            f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one"
+            f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one, "
+            "or rerun COLMAP's mapper"
         ) from problem
     return registered
 

@@ -1,10 +1,21 @@
-"""Findings about files: a loader raises the first error, the doctor lists all of them."""
+"""Findings about files: a loader raises the first error, the doctor lists all of them.
 
+Text files are read here, because each of their lines may be wrong.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
+
+from geovp_classic import files
 from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
+
+Severity = Literal["error", "warning", "note"]
 
 
 @dataclass(frozen=True)
@@ -13,35 +24,99 @@ class Finding:
 
     path: Path
     line: int | None  # the first line of a file is 1
-    severity: Literal["error", "warning", "note"]
+    severity: Severity
     message: str
 
     def __str__(self) -> str:
-        place = f"{self.path} line {self.line}" if self.line else str(self.path)
-        return f"{place}: {self.message}"
+        line = f" line {self.line}" if self.line else ""
+        return f"{self.path}{line}: {self.message}"
 
 
 class Findings(list[Finding]):
-    """A list that scanning functions add their findings to."""
+    """A list that reading functions add their findings to."""
 
-    def error(self, path: Path, message: str, line: int | None = None) -> None:
-        """Add an error in a line of a file, or in the file as a whole."""
-        self.append(Finding(path, line, "error", message))
+    def add(
+        self,
+        path: Path,
+        message: str,
+        line: int | None = None,
+        severity: Severity = "error",
+    ) -> None:
+        """Add a finding about a line of a file, or about a file or folder as a whole."""
+        self.append(Finding(path, line, severity, message))
 
-    def warn(self, path: Path, message: str) -> None:
-        """Add a warning about a file or folder."""
-        self.append(Finding(path, None, "warning", message))
+    @contextlib.contextmanager
+    def catch(self, path: Path, line: int | None = None) -> Iterator[None]:
+        """Add the BadData that is raised about a file, or about a line of it, as an error."""
+        try:
+            yield
+        except BadData as problem:
+            self.add(
+                path, str(problem).removeprefix(str(path)).lstrip(": "), line
+            )
 
-    def note(self, path: Path, message: str) -> None:
-        """Add a note about a file or folder."""
-        self.append(Finding(path, None, "note", message))
+    def lines(self, path: Path) -> list[tuple[int, str]]:
+        """Read the numbers, from 1, and texts of the lines that hold more than a comment (#)."""
+        lines = []
+        with self.catch(path):
+            if not path.exists():
+                raise BadData("does not exist")
+            for number, line in enumerate(
+                files.read_text(path).splitlines(), 1
+            ):
+                if text := line.partition("#")[0].strip():
+                    lines.append((number, text))
+            if not lines:
+                raise BadData("is empty")
+        return lines
 
-    def add(self, path: Path, problem: BadData) -> None:
-        """Add an exception about a file as an error."""
-        self.error(path, str(problem).removeprefix(str(path)).lstrip(": "))
+    def parse(
+        self,
+        path: Path,
+        parse_line: Callable[[str], tuple[Any, Any]],
+        missing: tuple[Any, Any],
+    ) -> tuple[list[Any], list[Any]]:
+        """Parse lines to keys [N], which must increase, and values [N].
 
-    def raise_first(self) -> None:
-        """Raise BadData for the first error, if there is one."""
-        for finding in self:
-            if finding.severity == "error":
-                raise BadData(str(finding))
+        `parse_line` raises BadData for a bad line, in whose place `missing` is returned.
+        """
+        pairs = []
+        last = None
+        for number, text in self.lines(path):
+            pair = missing
+            with self.catch(path, number):
+                key, value = parse_line(text)
+                if last is not None and key <= last:
+                    raise BadData(f"{key} is not after {last} before it")
+                last = key
+                pair = key, value
+            pairs.append(pair)
+        return [key for key, _ in pairs], [value for _, value in pairs]
+
+
+class FirstError(Findings):
+    """Findings that raise an error, as a BadData, instead of collecting it."""
+
+    def append(self, finding: Finding) -> None:
+        """Raise an error; ignore warnings and notes."""
+        if finding.severity == "error":
+            raise BadData(str(finding))
+
+
+RAISE = FirstError()
+
+
+def parse_numbers(words: list[str], *counts: int) -> FloatArray:
+    """Return the finite numbers of a line, as many as one of `counts`; BadData otherwise."""
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = np.nan
+        # nanoseconds since 1970 are below 2^63; float() accepts 1_0 for 10
+        if not abs(number) < 2.0**63 or not word.isascii() or "_" in word:
+            raise BadData(f"{word[:40]!r} is not a finite number")
+    if len(words) not in counts:
+        expected = " or ".join(map(str, counts))
+        raise BadData(f"{len(words)} numbers, expected {expected}")
+    return np.array(words, np.float64)

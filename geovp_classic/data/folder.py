@@ -2,8 +2,7 @@
 user gives.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,7 @@ from geovp_classic.data.frames import (
     VideoFrames,
     image_files,
 )
-from geovp_classic.data.scan import Scan, sequence_folders
-from geovp_classic.data.sequences import SequenceDataset
+from geovp_classic.data.sequences import Scan, SequenceDataset, sequence_folders
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray, Intrinsics, Trajectory
@@ -52,18 +50,16 @@ class Folder(SequenceDataset):
 
     def __post_init__(self) -> None:
         for name in ("path", "times", "trajectory"):  # scripts give text
-            given = getattr(self, name)
+            value = getattr(self, name)
             object.__setattr__(
-                self, name, None if given is None else Path(given)
+                self, name, None if value is None else Path(value)
             )
-        if (
-            self.frame_rate_hz is not None
-            and not 0.02 <= self.frame_rate_hz < np.inf
-        ):
+        rate_hz = self.frame_rate_hz
+        if rate_hz is not None and not 0.02 <= rate_hz < np.inf:
             raise BadData(
-                f"frame_rate_hz is {self.frame_rate_hz}, expected a number of at least 0.02"
+                f"frame_rate_hz is {rate_hz}, expected a number of at least 0.02"
             )
-        if self.frame_rate_hz is not None and self.times is not None:
+        if rate_hz is not None and self.times is not None:
             raise BadData(
                 "both frame_rate_hz and times are given: keep one of them"
             )
@@ -85,10 +81,9 @@ class Folder(SequenceDataset):
         """Return all frames of the first sequence with their times, camera and poses."""
         return next(iter(self.recordings.values()))
 
-    @cached_property
-    def _wanted(self) -> tuple[FrameRange, ...]:
+    def _named_ranges(self) -> tuple[FrameRange, ...]:
         if self.frames is None:
-            return super()._wanted
+            return super()._named_ranges()
         first, last = self.frames
         if not 0 <= first < last:
             raise BadData(
@@ -100,79 +95,71 @@ class Folder(SequenceDataset):
             )
         return (FrameRange(self.name, first, last),)
 
-    @cached_property
-    def _folders(self) -> dict[str, Path]:
+    def folders(self) -> dict[str, Path]:
+        """Return the folders of images by name: the path, or those in it if it has no images."""
         if self.path.is_file():
             return {self.name: self.path}
-        return self.folders(self.path)
+        expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
+        return sequence_folders(
+            self.path, lambda path: bool(image_files(path)), expected
+        )
+
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
+        """Scan a folder of images, which has neither calibration nor poses."""
+        images = tuple(image_files(folder))
+        return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ)}
 
     @property
     def _is_root(self) -> bool:
         return self.path not in self._folders.values()
 
-    def _read(self, name: str, load: Load) -> Recording:
-        path = self._folder(name)
+    def _read(self, name: str, folder: Path, load: Load) -> Recording:
         reader: FrameReader
-        if path.is_file():
-            reader = VideoFrames.open(path)
+        if folder.is_file():
+            reader = VideoFrames(folder)
             size_px = reader.size_px
             rate_hz = reader.rate_hz
         else:
-            images = tuple(image_files(path))
+            images = tuple(image_files(folder))
             size_px = load(images[0]).shape[1::-1]
             reader = FrameFiles(images, (size_px,) * len(images), load)
             rate_hz = DEFAULT_RATE_HZ
-        rate_hz = self.frame_rate_hz or rate_hz
-        folder = path if self._is_root else Path()
-        trajectory, times_s = self._timed(folder, name, len(reader), rate_hz)
         camera = Intrinsics(*self.intrinsics, *size_px)
+        times_s, trajectory = self._timed(
+            name,
+            folder if self._is_root else Path(),
+            len(reader),
+            self.frame_rate_hz or rate_hz,
+        )
         return Recording(
             name, reader, times_s, camera, trajectory, self.camera_height_m
         )
 
     def _timed(
-        self, folder: Path, name: str, num_frames: int, rate_hz: float | None
-    ) -> tuple[Trajectory | None, FloatArray]:
-        """Return the trajectory of a sequence, if there is one, and the times of its frames."""
-        poses = None if self.trajectory is None else folder / self.trajectory
+        self, name: str, folder: Path, num_frames: int, rate_hz: float | None
+    ) -> tuple[FloatArray, Trajectory | None]:
+        """Return the times of a sequence's frames, and its trajectory if there is one."""
+        poses = self.trajectory and folder / self.trajectory
+        has_own_times = (
+            self.frame_rate_hz is None and poses and pose_files.has_times(poses)
+        )
         times_s = None
         if self.times is not None:
             times_s = pose_files.read_times(folder / self.times)
-        elif (
-            self.frame_rate_hz is not None
-            or poses is None
-            or not pose_files.has_times(poses)
-        ):
+        elif not has_own_times:
             if rate_hz is None:
                 raise BadData(
                     f"{name} does not state its frame rate: give frame_rate_hz"
                 )
             times_s = np.arange(num_frames) / rate_hz
-        trajectory = None
-        if poses is not None:
-            trajectory = pose_files.read_trajectory(
-                poses, times_s, is_metric=self.is_metric
-            )
-            if times_s is None:
-                times_s = trajectory.times_s
-            if len(trajectory) == len(times_s):
-                trajectory = Trajectory(
-                    trajectory.world_from_cam, times_s, self.is_metric
-                )
-        assert times_s is not None
-        return trajectory, times_s
-
-    @staticmethod
-    def folders(root: Path) -> dict[str, Path]:
-        """Return the folders of images by name: the root, or those in it if it has no images."""
-        expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
-        return sequence_folders(
-            root, lambda path: bool(image_files(path)), expected
+        if poses is None:
+            assert times_s is not None
+            return times_s, None
+        trajectory = pose_files.read_trajectory(
+            poses, times_s, is_metric=self.is_metric
         )
-
-    @staticmethod
-    def scans(folder: Path) -> dict[str, Scan]:
-        """Scan a folder of images, which has neither calibration nor poses."""
-        images = tuple(image_files(folder))
-        times_s = np.arange(len(images)) / DEFAULT_RATE_HZ
-        return {"": Scan(images, times_s, (), Findings())}
+        if times_s is None:
+            times_s = trajectory.times_s
+        if len(trajectory) == len(times_s):
+            trajectory = replace(trajectory, times_s=times_s)
+        return times_s, trajectory

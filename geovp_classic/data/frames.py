@@ -1,36 +1,33 @@
-"""The frames of one camera, read one at a time: a list of image files, or a video."""
+"""The frames of one camera, read one at a time: a list of image files, or a video.
 
-import functools
+Images are decoded only if they are complete. PNG has a checksum for every chunk. JPEG, WebP, BMP,
+PPM and JPEG 2000 have none: a flipped bit in their pixels shows only against a SHA256SUMS beside
+them, see `files`.
+"""
+
+import io
+import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, BinaryIO, Protocol
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+from PIL import Image
 
 from geovp_classic import files
-from geovp_classic.data import decoding
 from geovp_classic.data.findings import Findings
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray
+from geovp_classic.types import ByteArray, FloatArray
 
-SUFFIXES = frozenset(
-    {
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".webp",
-        ".bmp",
-        ".tif",
-        ".tiff",
-        ".ppm",
-        ".pgm",
-        ".jp2",
-    }
-)
-Load = Callable[[Path], ByteArray]
+MAX_PIXELS = 2**25  # 8192 x 4096; 8K video has 7680 x 4320
+Array = npt.NDArray[Any]
+Load = Callable[[Path], Array]
+Size = tuple[int, int]  # (width, height)
 
 
 class FrameReader(Protocol):
@@ -43,6 +40,19 @@ class FrameReader(Protocol):
         """Return one frame [H, W, 3]; BadData names the file that is wrong."""
 
 
+def decode(path: Path, flags: int) -> Array:
+    """Return the image of a file as OpenCV decodes it; BadData if the file is damaged."""
+    data = files.read_bytes(path)
+    _check_image(path, io.BytesIO(data))
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise BadData(f"{path} cannot be decoded as an image: restore the file")
+    return image
+
+
 def read_image(path: Path, bits: int | None = None) -> ByteArray:
     """Return the RGB image [H, W, 3], grey ones with three equal channels.
 
@@ -50,10 +60,9 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
     are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
     alike. BadData if the file is damaged.
     """
-    image = decoding.decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    image = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image.dtype == np.uint16 and bits is not None and 8 <= bits <= 16:
-        max_value = int(image.max())
-        if max_value >= 2**bits:
+        if (max_value := image.max()) >= 2**bits:
             raise BadData(
                 f"{path} has the value {max_value}, more than {bits} bits hold: give a larger "
                 "image_bits"
@@ -64,139 +73,154 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
             "or set image_bits to the number of used bits (8 to 16) if they are uint16"
         )
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:
+    """Return a depth image [H, W] in metres; BadData for an image of another type."""
+    image = decode(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise BadData(
+            f"{path} holds {image.dtype} in {image.ndim} dimensions, expected a depth image of "
+            "one channel of 16 bits: restore the file"
+        )
+    return (image / values_per_m).astype(np.float32)
+
+
+def image_size(path: Path) -> Size:
     """Return (width, height) of an image file; BadData if it is incomplete."""
     with files.opened(path) as file:
-        return decoding.checked_size(path, file)
+        return _check_image(path, file)
+
+
+def _check_image(path: Path, file: BinaryIO) -> Size:
+    """Return (width, height); BadData if the image is too large, truncated or damaged.
+
+    OpenCV would show the missing part of a truncated image in grey.
+    """
+    try:
+        with Image.open(file) as image:
+            width_px, height_px = image.size
+            if width_px * height_px > MAX_PIXELS:
+                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+            if image.format in (
+                "PNG",
+                "WEBP",
+            ):  # with checksums, or complete once opened
+                image.verify()
+            else:
+                image.draft(
+                    "RGB", (1, 1)
+                )  # a JPEG is decoded at an eighth of its size
+                image.load()
+    except Exception as problem:  # Pillow raises many types for damaged bytes
+        raise BadData(
+            f"{path} cannot be decoded as an image ({str(problem)[:200]!r}): restore or shrink it"
+        ) from problem
+    return width_px, height_px
 
 
 @dataclass(frozen=True)
 class FrameFiles:
     """One image file per frame."""
 
-    paths: tuple[Path, ...]  # N
-    sizes_px: tuple[
-        tuple[int, int], ...
-    ]  # N, (width, height) that a file must have
+    paths: tuple[Path | None, ...]  # N; None for an image that is 0 everywhere
+    sizes_px: tuple[Size, ...]  # N, (width, height) that a file must have
     load: Load = read_image
 
     def __len__(self) -> int:
         return len(self.paths)
 
-    def read(self, index: int) -> ByteArray:
-        """Return one frame; BadData if its file is damaged or of another size."""
-        return load_sized(self.paths[index], self.sizes_px[index], self.load)
+    def read(self, index: int) -> Array:
+        """Return one frame [H, W, ...]; BadData if its file is damaged or of another size."""
+        path = self.paths[index]
+        width_px, height_px = self.sizes_px[index]
+        if path is None:
+            return np.zeros((height_px, width_px), np.float32)
+        image = self.load(path)
+        if image.shape[:2] != (height_px, width_px):
+            raise BadData(
+                f"{path} is {image.shape[1]}x{image.shape[0]} pixels, expected "
+                f"{width_px}x{height_px} as the first frame or the calibration: restore the file"
+            )
+        return image
 
 
-def load_sized(
-    path: Path, size_px: tuple[int, int], load: Callable[[Path], Any]
-) -> Any:
-    """Return the array [H, W, ...] of an image file; BadData if its size is not the given one."""
-    image = load(path)
-    height_px, width_px = image.shape[:2]
-    if (width_px, height_px) != size_px:
-        raise BadData(
-            f"{path} is {width_px}x{height_px} pixels, expected {size_px[0]}x{size_px[1]} as the "
-            "first frame or the calibration: restore the file"
-        )
-    return image
-
-
-@dataclass
 class VideoFrames:
     """The frames of a video, decoded from its start up to the frame that is read.
 
-    Seeking by number is not used, because the index of many containers is wrong.
+    Seeking by number is not used, because the index of many containers is wrong. Frames are
+    counted if the container does not state their number; a rate that it does not state is None.
     """
 
-    path: Path
-    count: int  # according to the container
-    size_px: tuple[int, int]
-    rate_hz: float | None  # according to the container; None if unknown
-    _capture: Any = field(repr=False)
-    _next: int = 0
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """Open a video file; BadData if it cannot be decoded.
-
-        Frames are counted if the container does not state their number.
-        """
+    def __init__(self, path: Path) -> None:
+        """Open a video file; BadData if it cannot be decoded."""
         files.check_file(path)
-        capture = cv2.VideoCapture(str(path))
-        width_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        height_px = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if (
-            not capture.isOpened()
-            or not 0 < width_px * height_px <= decoding.MAX_PIXELS
-        ):
+        self.path = path
+        self._restart()
+        get = self._capture.get
+        self.size_px = (
+            int(get(cv2.CAP_PROP_FRAME_WIDTH)),
+            int(get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        )
+        if min(self.size_px) < 1 or math.prod(self.size_px) > MAX_PIXELS:
             raise BadData(
-                f"{path} cannot be decoded as a video of at most {decoding.MAX_PIXELS:,} pixels: "
-                "give a folder of images or another video file"
+                f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels: give a "
+                "folder of images or another video file"
             )
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
-        if count < 1:
-            count = 0
-            while capture.grab():
-                count += 1
-            capture = cv2.VideoCapture(str(path))
+        rate_hz = float(get(cv2.CAP_PROP_FPS))
+        self.rate_hz = rate_hz if 0 < rate_hz < 1000 else None
+        self._count = int(get(cv2.CAP_PROP_FRAME_COUNT))
+        if self._count < 1:
+            while self._capture.grab():
+                self._next += 1
+            self._count = self._next
         if (
-            not 0 < count <= path.stat().st_size
+            not 0 < self._count <= path.stat().st_size
         ):  # a frame takes at least a byte
             raise BadData(
-                f"{path} claims {count} frames, which its size cannot hold: restore the file"
+                f"{path} claims {self._count} frames, which its size cannot hold: restore the file"
             )
-        is_plausible = 0 < rate_hz < 1000
-        return cls(
-            path,
-            count,
-            (width_px, height_px),
-            rate_hz if is_plausible else None,
-            capture,
-        )
-
-    def __post_init__(self) -> None:
-        self._cached = functools.lru_cache(maxsize=64)(self._decode)
+        self.read = lru_cache(maxsize=64)(self._decode)
 
     def __len__(self) -> int:
-        return self.count
+        return self._count
 
-    def read(self, index: int) -> ByteArray:
-        """Return one frame; BadData if the video ends before it or is damaged there."""
-        return self._cached(index)
+    def _restart(self) -> None:
+        self._capture = cv2.VideoCapture(str(self.path))
+        self._next = 0
 
     def _decode(self, index: int) -> ByteArray:
+        """Return one frame; BadData if the video ends before it or is damaged there."""
         if index < self._next:
-            self._capture = cv2.VideoCapture(str(self.path))
-            self._next = 0
+            self._restart()
         while self._next < index and self._capture.grab():
             self._next += 1
         image = self._capture.read()[1] if self._next == index else None
         if image is None or image.shape[1::-1] != self.size_px:
             raise BadData(
-                f"{self.path}: frame {index} of {self.count} cannot be decoded: exclude it from "
+                f"{self.path}: frame {index} of {self._count} cannot be decoded: exclude it from "
                 "the range"
             )
         self._next += 1
-        return np.asarray(
-            cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8
-        )
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def is_image(path: Path) -> bool:
     """Return whether a file has the name of a visible image."""
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    return bool(
+        re.fullmatch(
+            r"[^.].*\.(png|jpe?g|webp|bmp|tiff?|p[gp]m|jp2)",
+            path.name,
+            re.IGNORECASE,
+        )
+    )
 
 
 def image_files(folder: Path) -> list[Path]:
     """Return the images of a folder by name, numbers in names counted as numbers (2 before 10)."""
     try:
-        images = filter(is_image, folder.iterdir())
-        return sorted(images, key=natural_order)
+        return sorted(filter(is_image, folder.iterdir()), key=natural_order)
     except OSError as problem:
         raise BadData(
             f"{folder} cannot be listed ({problem.strerror}): give a folder of images"
@@ -205,37 +229,35 @@ def image_files(folder: Path) -> list[Path]:
 
 def natural_order(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts file names with numbers in them counted as numbers."""
-    parts = re.split(r"(\d+)", path.name)
+    pieces = re.findall(r"\d+|\D", path.name)
     return [
-        (int(part), "") if part.isdecimal() else (-1, part)
-        for part in parts
-        if part
+        (int(piece), "") if piece.isdecimal() else (-1, piece)
+        for piece in pieces
     ]
 
 
-def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
+def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:
     """Return the images 000000, 000001, ... of a folder; report gaps, duplicates, other files."""
     images: dict[int, Path] = {}
     for path in sorted(folder.glob("[!.]*")):
         if not is_image(path) or not path.stem.isdecimal():
-            findings.note(path, "is not a numbered image: ignored")
+            findings.add(
+                path, "is not a numbered image: ignored", severity="note"
+            )
             continue
         first = images.setdefault(int(path.stem), path)
         if first is not path:
-            findings.error(
+            findings.add(
                 path, f"has the same number as {first.name}: keep one of them"
             )
     if not images:
-        findings.error(
+        findings.add(
             folder,
             "holds no images, expected 000000.png (or jpg, webp, ...) and so on",
         )
-    numbers = sorted(images)
-    for expected, number in enumerate(numbers):
-        if number != expected:
-            findings.error(
-                folder,
-                f"lacks frame {expected:06d}: number frames without a gap",
-            )
-            break
-    return tuple(images[number] for number in numbers)
+    missing = min(set(range(len(images))) - images.keys(), default=None)
+    if missing is not None:
+        findings.add(
+            folder, f"lacks frame {missing:06d}: number frames without a gap"
+        )
+    return tuple(images[number] for number in sorted(images))

@@ -15,16 +15,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.data import kitti, pose_files
-from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import scan_numbered
+from geovp_classic.data.calibration_files import read_entry, read_projection
+from geovp_classic.data.findings import Findings, parse_numbers
+from geovp_classic.data.frames import numbered_images
 from geovp_classic.data.kitti import Kitti
-from geovp_classic.data.scan import Scan
+from geovp_classic.data.sequences import Scan
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 EARTH_RADIUS_M = 6378137.0
-NUM_READINGS = 30  # of oxts; lat, lon (degrees), alt (m), roll, pitch, yaw (rad) come first
 
 
 @dataclass(frozen=True)
@@ -39,102 +39,89 @@ class KittiRaw(Kitti):
     name: ClassVar[str] = "kitti-raw"
     prefix: ClassVar[str] = "image_0"
 
-    @staticmethod
-    def folders(root: Path) -> dict[str, Path]:
-        """Return the drives of a root by name; BadData if it is not KITTI raw."""
-        if not any(root.glob("[0-9][0-9][0-9][0-9]_[0-9][0-9]_[0-9][0-9]")):
+    def folders(self) -> dict[str, Path]:
+        """Return the drives of the root by name; BadData if it is not KITTI raw."""
+        if not any(
+            self.root.glob("[0-9][0-9][0-9][0-9]_[0-9][0-9]_[0-9][0-9]")
+        ):
             raise BadData(
-                f"{root} holds no folder such as 2011_09_26: give the folder of KITTI raw's dates"
+                f"{self.root} holds no folder such as 2011_09_26: give the folder of KITTI raw's "
+                "dates"
             )
-        drives = sorted(root.glob("????_??_??/*_drive_*_sync"))
-        return {
-            path.name.removesuffix("_sync"): path
-            for path in drives
-            if path.is_dir()
-        }
+        drives = sorted(self.root.glob("????_??_??/*_drive_*_sync/"))
+        return {path.name.removesuffix("_sync"): path for path in drives}
 
-    @staticmethod
-    def scan(folder: Path, camera: int) -> Scan:
+    def scan_camera(
+        self, folder: Path, findings: Findings, camera: int
+    ) -> Scan:
         """Scan a drive with one of its cameras.
 
         `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies beside it.
         """
-        findings = Findings()
-        images = scan_numbered(folder / f"image_0{camera}" / "data", findings)
+        images = numbered_images(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
-        projection = kitti.scan_projection(
-            calibration, f"P_rect_0{camera}", findings
-        )
+        projection = read_projection(calibration, f"P_rect_0{camera}", findings)
         path = folder / f"image_0{camera}" / "timestamps.txt"
-        times_s = scan_timestamps(path, findings)
-        times_s = kitti.one_per_frame(path, times_s, len(images), findings)
-        world_from_cam0 = None
+        times_s = kitti.per_frame(
+            path, read_timestamps(path, findings), images, findings
+        )
+        poses = None
         if (folder / "oxts").is_dir():
-            world_from_cam0 = _scan_poses(folder, len(images), findings)
-        result = kitti.rectified(
-            images, times_s, projection, world_from_cam0, findings
-        )
-        size_px = kitti.scan_entry(
-            calibration, f"S_rect_0{camera}", 2, findings
-        )
+            poses = _read_poses(folder, len(images), findings)
+        scan = kitti.rectified(images, times_s, projection, poses, findings)
+        size_px = read_entry(calibration, f"S_rect_0{camera}", 2, findings)
         if (
-            size_px is not None
-            and result.cameras
-            and result.cameras[0].size_px != tuple(size_px)
+            scan.cameras
+            and size_px is not None
+            and scan.cameras[0].size_px != tuple(size_px)
         ):
-            width_px, height_px = result.cameras[0].size_px
-            message = (
+            width_px, height_px = scan.cameras[0].size_px
+            findings.add(
+                calibration,
                 f"S_rect_0{camera} is {size_px[0]:g}x{size_px[1]:g}, the images are "
-                f"{width_px}x{height_px}: scale S_rect and P_rect as the images were"
+                f"{width_px}x{height_px}: scale S_rect and P_rect as the images were",
             )
-            findings.error(calibration, message)
-        return result
+        return scan
 
 
-def scan_timestamps(path: Path, findings: Findings) -> FloatArray:
-    """Scan the times [N] in seconds since the first."""
-    lines = pose_files.read_lines(path, findings)
-    stamps = np.full(len(lines), "NaT", "datetime64[ns]")
-    for number, (line, text) in enumerate(lines):
-        is_time = re.fullmatch(r"[\d-]+ [\d:.]+", text)
+def read_timestamps(path: Path, findings: Findings) -> FloatArray:
+    """Read the times [N] in seconds since the first."""
+
+    def parse_line(text: str) -> tuple[np.datetime64, None]:
         try:
-            stamps[number] = text.replace(" ", "T") if is_time else "NaT"
+            if re.fullmatch(r"[\d-]+ [\d:.]+", text):
+                return np.datetime64(text.replace(" ", "T"), "ns"), None
         except ValueError:
-            is_time = None
-        if not is_time:
-            message = (
-                f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
-            )
-            findings.error(path, message, line)
-        elif number and stamps[number] <= stamps[number - 1]:
-            findings.error(
-                path, f"time {text} is not after the one before", line
-            )
-    return (stamps - stamps[:1]) / np.timedelta64(1, "s")
+            pass
+        raise BadData(
+            f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
+        )
+
+    stamps, _ = findings.parse(path, parse_line, (np.datetime64("NaT"), None))
+    times = np.array(stamps, "datetime64[ns]")
+    return (times - times[:1]) / np.timedelta64(1, "s")
 
 
-def _scan_poses(
+def _read_poses(
     folder: Path, num_frames: int, findings: Findings
 ) -> FloatArray | None:
-    """Scan world_from_cam0 [N, 4, 4], NaN for frames without a good reading."""
-    cam0_from_imu = _scan_cam0_from_imu(folder.parent, findings)
-    readings = np.full((num_frames, NUM_READINGS), np.nan)
+    """Read world_from_cam0 [N, 4, 4], NaN for frames without a good reading.
+
+    A reading has 30 numbers: latitude, longitude (degrees), altitude (m), roll, pitch and yaw
+    (rad) come first.
+    """
+    cam0_from_imu = _read_cam0_from_imu(folder.parent, findings)
+    readings = np.full((num_frames, 30), np.nan)
     for number in range(num_frames):
         path = folder / "oxts" / "data" / f"{number:010d}.txt"
-        for line, text in pose_files.read_lines(path, findings)[:1]:
-            words = text.split()
-            numbers = pose_files.parse_numbers(
-                path, line, words, (NUM_READINGS,), findings
-            )
-            if numbers is None:
-                continue
-            readings[number] = numbers
-            if abs(numbers[0]) >= 90:
-                findings.error(
-                    path,
-                    f"latitude {numbers[0]:g}, expected -90 to 90 degrees",
-                    line,
-                )
+        for line, text in findings.lines(path)[:1]:
+            with findings.catch(path, line):
+                reading = parse_numbers(text.split(), 30)
+                if abs(reading[0]) >= 90:
+                    raise BadData(
+                        f"latitude {reading[0]:g}, expected -90 to 90 degrees"
+                    )
+                readings[number] = reading
     good = np.isfinite(readings[:, 0])
     if cam0_from_imu is None or not good.any():
         return None
@@ -166,32 +153,27 @@ def mercator_poses(
     return se3.compose(rotation, position - position[0])
 
 
-def _scan_cam0_from_imu(date: Path, findings: Findings) -> FloatArray | None:
-    """Scan cam0_from_imu [4, 4] of a date, camera 0 being the rectified one.
+def _read_cam0_from_imu(date: Path, findings: Findings) -> FloatArray | None:
+    """Read cam0_from_imu [4, 4] of a date, camera 0 being the rectified one.
 
     The calibration states velo_from_imu, cam_from_velo and the rotation of the rectification.
     """
     cam0_from_imu = np.eye(4)
-    for file in ("calib_imu_to_velo.txt", "calib_velo_to_cam.txt"):
-        rotation = kitti.scan_entry(date / file, "R", 9, findings)
-        translation = kitti.scan_entry(date / file, "T", 3, findings)
+    for file, rotation_name, translation_name in (
+        ("calib_imu_to_velo.txt", "R", "T"),
+        ("calib_velo_to_cam.txt", "R", "T"),
+        ("calib_cam_to_cam.txt", "R_rect_00", None),
+    ):
+        path = date / file
+        rotation = read_entry(path, rotation_name, 9, findings)
+        translation: FloatArray | None = np.zeros(3)
+        if translation_name:
+            translation = read_entry(path, translation_name, 3, findings)
         if rotation is None or translation is None:
             return None
         cam0_from_imu = (
             se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
         )
-    rectification = kitti.scan_entry(
-        date / "calib_cam_to_cam.txt", "R_rect_00", 9, findings
-    )
-    if rectification is None:
-        return None
-    rect_from_cam = se3.compose(rectification.reshape(3, 3), np.zeros(3))
-    try:
-        return se3.orthonormalised(
-            rect_from_cam @ cam0_from_imu, pose_files.ROTATION_TOLERANCE
-        )
-    except BadData as problem:
-        findings.error(
-            date, f"the calibration's rotations are invalid: {problem}"
-        )
-        return None
+    with findings.catch(date):
+        return se3.orthonormalised(cam0_from_imu, pose_files.ROTATION_TOLERANCE)
+    return None

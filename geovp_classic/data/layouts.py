@@ -1,5 +1,6 @@
 """The data set that a folder holds, by what lies in it."""
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +22,27 @@ LAYOUTS: dict[str, Any] = {
 }
 
 
-def name_of(root: Path) -> str:
-    """Return the data set of a folder; BadData if it looks like none."""
+def detect(root: Path) -> tuple[str, Any]:
+    """Return the name of a folder's data set, and the data set itself with default settings.
+
+    Nothing else of it was checked, which is for the doctor to do. BadData if the folder looks like
+    no data set.
+    """
     for name, layout in LAYOUTS.items():
-        try:
-            layout.folders(root)
-        except BadData:
-            continue
-        return name
+        dataset = layout.__new__(layout)
+        vars(dataset)[root_field(name)] = root
+        with contextlib.suppress(BadData):
+            dataset.folders()
+            return name, dataset
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
         "raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
     )
+
+
+def root_field(name: str) -> str:
+    """Return the name of the field that holds a data set's folder."""
+    return "path" if name == "folder" else "root"
 
 
 def spec(root: Path) -> dict[str, Any]:
@@ -40,5 +50,5 @@ def spec(root: Path) -> dict[str, Any]:
 
     A folder of images needs intrinsics, too.
     """
-    name = name_of(root)
-    return {"name": name, ("path" if name == "folder" else "root"): root}
+    name, _ = detect(root)
+    return {"name": name, root_field(name): root}

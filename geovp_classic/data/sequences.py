@@ -1,21 +1,194 @@
-"""Data sets of several sequences below one root, and the frames that their clips are cut from."""
+"""Data sets of several sequences below one root, and the frames that their clips are cut from.
+
+A layout (`kitti`, `kitti_raw`, `tum`, `euroc`, `colmap`, `folder`) scans the folder of a sequence
+into a `Scan`, and adds what is wrong with its files to the findings: a data set raises the first
+error, the doctor lists all of them.
+"""
 
 import dataclasses
+import functools
+import itertools
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
-from functools import cached_property, lru_cache
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import cv2
+import numpy as np
+
 from geovp_classic import files
-from geovp_classic.data import splits, windows
-from geovp_classic.data.frames import Load, read_image
-from geovp_classic.data.scan import Scan
+from geovp_classic.data import frames, splits, windows
+from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.frames import FrameFiles, Load
+from geovp_classic.data.undistortion import (
+    DistortedCamera,
+    UndistortedFrames,
+    common_pinhole,
+)
 from geovp_classic.data.windows import Fit, FrameRange, Recording
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, Clip
+from geovp_classic.types import Clip, FloatArray, IntArray, Trajectory
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A sequence of N images, whose times, poses and depths were matched to them."""
+
+    images: tuple[Path, ...]  # N
+    times_s: FloatArray  # [N], increasing; NaN where a line is bad
+    cameras: tuple[DistortedCamera, ...] = ()  # N; empty without a calibration
+    # [N, 4, 4], NaN for an image without a pose; None if no poses are recorded
+    world_from_cam: FloatArray | None = None
+    depths: tuple[Path | None, ...] | None = None  # N
+    is_metric: bool = True
+    # of one of several cameras
+    cam_from_rig: FloatArray = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def posed(self) -> IntArray:
+        """Return the numbers of the images with a pose, or of all if no poses are recorded."""
+        if self.world_from_cam is None:
+            return np.arange(len(self.images))
+        return np.flatnonzero(np.isfinite(self.world_from_cam).all(axis=(1, 2)))
+
+    @property
+    def breaks(self) -> tuple[int, ...]:
+        """Return the places among `posed` that do not follow the one before.
+
+        An image lacks its pose there, or lies in another folder.
+        """
+        breaks = []
+        for place, (before, number) in enumerate(
+            itertools.pairwise(self.posed.tolist()), 1
+        ):
+            is_same_folder = (
+                self.images[number].parent == self.images[before].parent
+            )
+            if number != before + 1 or not is_same_folder:
+                breaks.append(place)
+        return tuple(breaks)
+
+    def recording(
+        self,
+        name: str,
+        source: Path,
+        load: Load,
+        camera_height_m: float | None,
+    ) -> Recording:
+        """Return the sequence for clips, without the images that lack a pose."""
+        numbers = self.posed
+        if not self.cameras:
+            raise BadData(
+                f"{source} has no known camera: give intrinsics = [fx, fy, cx, cy]"
+            )
+        if not len(numbers):
+            raise BadData(
+                f"{source}: none of {len(self.images)} images has a pose: give images and poses "
+                "that match"
+            )
+        times_s = self.times_s[numbers]
+        cameras = tuple(self.cameras[number] for number in numbers)
+        sizes_px = tuple(camera.size_px for camera in cameras)
+        view = common_pinhole(cameras, source)
+        images = FrameFiles(
+            tuple(self.images[number] for number in numbers), sizes_px, load
+        )
+        trajectory = None
+        if self.world_from_cam is not None:
+            trajectory = Trajectory(
+                self.world_from_cam[numbers], times_s, self.is_metric
+            )
+        depths = None
+        if self.depths is not None:
+            paths = tuple(self.depths[number] for number in numbers)
+            maps = FrameFiles(paths, sizes_px, frames.read_depth)
+            depths = UndistortedFrames(
+                maps, cameras, view, cv2.INTER_NEAREST
+            ).read
+        return Recording(
+            name,
+            UndistortedFrames(images, cameras, view),
+            times_s,
+            view,
+            trajectory,
+            camera_height_m,
+            depths=depths,
+            breaks=self.breaks,
+        )
+
+
+def sequence_folders(
+    root: Path, is_sequence: Callable[[Path], bool], expected: str
+) -> dict[str, Path]:
+    """Return the sequences of a root by name: the root itself, else its sub-folders.
+
+    BadData if there is none.
+    """
+    if is_sequence(root):
+        return {root.resolve().name: root}
+    folders = {
+        path.name: path for path in sorted(root.glob("*/")) if is_sequence(path)
+    }
+    if not folders:
+        raise BadData(
+            f"{root} does not exist or holds no sequence: give {expected}, or a folder of such "
+            "folders"
+        )
+    return folders
+
+
+def nearest(
+    times_s: FloatArray,  # [N]
+    others_s: FloatArray,  # [M], increasing
+    max_difference_s: float,
+) -> IntArray:
+    """Return the number [N] of the other time nearest to each, -1 beyond the difference."""
+    if not len(others_s):
+        return np.full(len(times_s), -1)
+    closest = np.searchsorted((others_s[1:] + others_s[:-1]) / 2, times_s)
+    is_near = np.abs(others_s[closest] - times_s) <= max_difference_s
+    return np.where(is_near, closest, -1)
+
+
+def nearest_poses(
+    times_s: FloatArray,  # [N]
+    pose_times_s: FloatArray,  # [M], increasing; NaN where a line is bad
+    poses: FloatArray,  # [M, 4, 4]
+    max_difference_s: float,
+) -> FloatArray:
+    """Return the pose [N, 4, 4] nearest in time, NaN beyond the difference."""
+    good = np.isfinite(pose_times_s)
+    numbers = nearest(times_s, pose_times_s[good], max_difference_s)
+    with_missing = np.concatenate([poses[good], np.full((1, 4, 4), np.nan)])
+    return with_missing[numbers]
+
+
+def read_list(
+    path: Path, folder: Path, findings: Findings, separator: str = " "
+) -> tuple[FloatArray, tuple[Path, ...]]:
+    """Read a list of times [N] and images in a folder, without its bad lines."""
+
+    def parse_line(text: str) -> tuple[float, Path]:
+        time, _, name = text.partition(separator)
+        image = folder / name.strip()
+        numbers = parse_numbers([time.strip()], 1)
+        if not files.leads_inside(name.strip()):
+            raise BadData(
+                f"{name!r} leads out of the folder: give a path inside it"
+            )
+        if not files.is_file(image):
+            raise BadData(
+                f"there is no file {name[:200]!r}, expected 'time{separator}file': restore it or "
+                "remove the line"
+            )
+        return numbers[0], image
+
+    times_s, images = findings.parse(path, parse_line, (np.nan, None))
+    good = [image is not None for image in images]
+    return np.array(times_s, np.float64)[good], tuple(filter(None, images))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,15 +205,30 @@ class SequenceDataset(ABC):
     num_frames: int = 30
     stride: int = 10
     size_px: tuple[int, int] = (256, 256)
+    fit: Fit = "crop"
     with_full: bool = False
     camera_height_m: float | None = None
     image_bits: int | None = None
 
     def _check(self) -> None:
         """Raise BadData unless all named sequences can be used."""
-        windows.check_protocol(
-            self.num_frames, self.stride, self.size_px, self._fit
-        )
+        width_px, height_px = self.size_px
+        if self.num_frames < 2:
+            raise BadData(
+                f"num_frames is {self.num_frames}, expected 2 or more: one to observe and one to "
+                "predict"
+            )
+        if self.stride < 1:
+            raise BadData(
+                f"stride is {self.stride}, expected 1 or more frames between the starts of clips"
+            )
+        if min(self.size_px) < 1 or (
+            self.fit == "crop" and width_px != height_px
+        ):
+            raise BadData(
+                f"size_px is {list(self.size_px)}, expected a square: frames are cropped to one "
+                "and then resized"
+            )
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
             if count > 1:
@@ -51,14 +239,9 @@ class SequenceDataset(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone, so that a copy in another process reads its own files."""
         return {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
+            item.name: getattr(self, item.name)
+            for item in dataclasses.fields(self)
         }
-
-    @property
-    def _fit(self) -> Fit:
-        """Return the setting `fit` of the data sets that have it."""
-        return getattr(self, "fit", "crop")
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
@@ -66,36 +249,54 @@ class SequenceDataset(ABC):
 
         They are broken where the recording is.
         """
-        pieces: list[FrameRange] = []
-        for frames in self._wanted:
-            recording = self.recordings[frames.sequence]
-            complete = frames.within(len(recording.frames))
-            pieces += windows.pieces(
+        ranges: list[FrameRange] = []
+        for frame_range in self._named_ranges():
+            recording = self.recordings[frame_range.sequence]
+            complete = frame_range.within(len(recording.frames))
+            ranges += windows.pieces(
                 complete, recording.breaks, self.num_frames
             )
-        return tuple(pieces)
+        return tuple(ranges)
 
     @property
     def split_hash(self) -> str:
         """Return the hash of `ranges`, which is the same for clips from the same frames."""
         return splits.content_hash(self.ranges)
 
+    @cached_property
+    def _starts(self) -> list[tuple[str, int]]:
+        """Return sequence and first frame of each clip."""
+        return [
+            (frame_range.sequence, first)
+            for frame_range in self.ranges
+            for first in windows.starts(
+                frame_range, self.num_frames, self.stride
+            )
+        ]
+
     @property
     def clip_names(self) -> tuple[str, ...]:
         """Return the clips' names in order, without reading the clips."""
-        return tuple(
-            windows.clip_name(sequence, first)
-            for sequence, first in self._starts
-        )
+        return tuple(itertools.starmap(windows.clip_name, self._starts))
 
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """Return the sequences in use, by name."""
-        load = lru_cache(maxsize=2 * self.num_frames)(
-            self._load
+        load = functools.partial(frames.read_image, bits=self.image_bits)
+        cached = functools.lru_cache(maxsize=2 * self.num_frames)(
+            load
         )  # clips overlap
-        names = dict.fromkeys(frames.sequence for frames in self._wanted)
-        return {name: self._read(name, load) for name in names}
+        recordings = {}
+        for frame_range in self._named_ranges():
+            name = frame_range.sequence
+            if name not in self._folders:
+                names = ", ".join(self._folders) or "none"
+                raise BadData(
+                    f"there is no sequence {name!r}: name one of {names}"
+                )
+            if name not in recordings:
+                recordings[name] = self._read(name, self._folders[name], cached)
+        return recordings
 
     def __len__(self) -> int:
         return len(self._starts)
@@ -103,22 +304,21 @@ class SequenceDataset(ABC):
     def __getitem__(self, index: int) -> Clip:
         """Return one clip; BadData names the image that is wrong."""
         sequence, first = self._starts[index]
-        recording = self.recordings[sequence]
         return windows.cut(
-            recording,
+            self.recordings[sequence],
             first,
             self.num_frames,
             self.size_px,
             with_full=self.with_full,
-            fit=self._fit,
+            fit=self.fit,
         )
 
-    @cached_property
-    def _wanted(self) -> tuple[FrameRange, ...]:
+    def _named_ranges(self) -> tuple[FrameRange, ...]:
+        """Return the frames that the settings name."""
         if self.sequences is None:
-            ranges = tuple(FrameRange(name) for name in self._folders)
+            ranges = tuple(map(FrameRange, self._folders))
         else:
-            ranges = tuple(FrameRange.parse(text) for text in self.sequences)
+            ranges = tuple(map(FrameRange.parse, self.sequences))
         if not ranges:
             raise BadData(
                 "no sequence is named: name some that the data set's folder holds"
@@ -126,32 +326,16 @@ class SequenceDataset(ABC):
         return ranges
 
     @cached_property
-    @abstractmethod
     def _folders(self) -> dict[str, Path]:
-        """Return the sequences of the root by name."""
+        return self.folders()
 
     @abstractmethod
-    def _read(self, name: str, load: Load) -> Recording:
+    def folders(self) -> dict[str, Path]:
+        """Return the sequences by name; BadData if there are none."""
+
+    @abstractmethod
+    def _read(self, name: str, folder: Path, load: Load) -> Recording:
         """Read a sequence, whose images are loaded later."""
-
-    def _folder(self, name: str) -> Path:
-        """Return the folder of a sequence; BadData lists the others."""
-        if name not in self._folders:
-            raise BadData(
-                f"there is no sequence {name!r}: name one of {', '.join(self._folders) or 'none'}"
-            )
-        return self._folders[name]
-
-    def _load(self, path: Path) -> ByteArray:
-        return read_image(path, self.image_bits)
-
-    @cached_property
-    def _starts(self) -> list[tuple[str, int]]:
-        starts = []
-        for frames in self.ranges:
-            for first in windows.starts(frames, self.num_frames, self.stride):
-                starts.append((frames.sequence, first))
-        return starts
 
 
 @dataclass(frozen=True)
@@ -161,37 +345,36 @@ class PosedSequences(SequenceDataset):
     Frames are counted among those with a pose.
     """
 
-    # scan(folder) scans a sequence as the default settings see it
-    scan: ClassVar[Callable[..., Scan]]
+    patterns: ClassVar[
+        tuple[str, ...]
+    ]  # of files that the folder of a sequence holds
 
     root: Path
     _: KW_ONLY
-    fit: Fit = "crop"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         self._check()
 
-    @staticmethod
-    @abstractmethod
-    def folders(root: Path) -> dict[str, Path]:
-        """Return the sequences of a root by name; BadData if it has another layout."""
+    def folders(self) -> dict[str, Path]:
+        """Return the sequences of the root by name; BadData if it has another layout."""
 
-    @classmethod
-    def scans(cls, folder: Path) -> dict[str, Scan]:
+        def is_sequence(folder: Path) -> bool:
+            return any(any(folder.glob(pattern)) for pattern in self.patterns)
+
+        return sequence_folders(
+            self.root, is_sequence, f"a folder with {self.patterns[0]}"
+        )
+
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence by the names of its cameras, "" for one."""
-        return {"": cls.scan(folder)}
+        return {"": self.scan(folder, findings)}
 
     @abstractmethod
-    def _scan(self, folder: Path) -> Scan:
-        """Scan a sequence."""
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a sequence with the camera that clips show."""
 
-    @cached_property
-    def _folders(self) -> dict[str, Path]:
-        return self.folders(self.root)
-
-    def _read(self, name: str, load: Load) -> Recording:
-        folder = self._folder(name)
-        return self._scan(folder).recording(
+    def _read(self, name: str, folder: Path, load: Load) -> Recording:
+        return self.scan(folder, RAISE).recording(
             name, folder, load, self.camera_height_m
         )

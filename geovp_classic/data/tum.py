@@ -12,20 +12,18 @@ from typing import ClassVar
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.scan import (
+from geovp_classic.data.frames import image_size
+from geovp_classic.data.sequences import (
+    PosedSequences,
     Scan,
-    first_size,
-    matched,
     nearest,
-    scan_list,
-    sequence_folders,
+    nearest_poses,
+    read_list,
 )
-from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 
-VALUES_PER_M = 5000.0
 Numbers = tuple[float, float, float, float]
 Distortion = tuple[float, float, float, float, float]
 # The colour cameras by the number after "freiburg" in a sequence's name: fx, fy, cx, cy and k1, k2,
@@ -55,72 +53,47 @@ class Tum(PosedSequences):
     """
 
     name: ClassVar[str] = "tum"
+    patterns: ClassVar[tuple[str, ...]] = ("rgb.txt",)
 
     intrinsics: Numbers | None = None
     distortion: Distortion | None = None
     max_difference_s: float = 0.02  # as the data set's own associate.py
 
-    @staticmethod
-    def folders(root: Path) -> dict[str, Path]:
-        """Return the sequences of a root by name."""
-        return sequence_folders(
-            root,
-            lambda path: (path / "rgb.txt").is_file(),
-            "a folder with rgb.txt",
-        )
-
-    @staticmethod
-    def scan(
-        folder: Path,
-        lens: tuple[Numbers, Distortion] | None = None,
-        max_difference_s: float = max_difference_s,
-    ) -> Scan:
-        """Scan a sequence; the default lens is the one in the folder's name."""
-        findings = Findings()
-        times_s, images = scan_list(folder / "rgb.txt", folder, findings)
-        depths = None
-        if (folder / "depth.txt").exists():
-            depth_times_s, paths = scan_list(
-                folder / "depth.txt", folder, findings
-            )
-            matches = nearest(times_s, depth_times_s, max_difference_s)
-            depths = tuple(
-                paths[number] if number >= 0 else None for number in matches
-            )
-        poses = None
-        if (folder / "groundtruth.txt").exists():
-            pose_times_s, poses = pose_files.scan_tum(
-                folder / "groundtruth.txt", findings
-            )
-            poses = matched(times_s, pose_times_s, poses, max_difference_s)
-        match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
-        if lens is None and match:
-            lens = FREIBURG[match[1]]
-        cameras: tuple[DistortedCamera, ...] = ()
-        size_px = first_size(images, findings)
-        if size_px and lens:
-            numbers, distortion = lens
-            view = Intrinsics(*numbers, *size_px)
-            camera = DistortedCamera(
-                view, "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0)
-            )
-            cameras = (camera,) * len(images)
-        return Scan(
-            images, times_s, cameras, findings, poses, depths, VALUES_PER_M
-        )
-
-    def _scan(self, folder: Path) -> Scan:
-        lens = None
-        if self.intrinsics is not None:
-            lens = (self.intrinsics, self.distortion or (0.0,) * 5)
-        elif self.distortion is not None:
+    def __post_init__(self) -> None:
+        if self.distortion is not None and self.intrinsics is None:
             raise BadData(
                 "distortion is given without intrinsics: give both, they are of one calibration"
             )
-        result = self.scan(folder, lens, self.max_difference_s)
-        if not result.cameras:
-            result.findings.error(
-                folder,
-                "is not of freiburg1, 2 or 3 by its name: give intrinsics = [fx, fy, cx, cy]",
+        super().__post_init__()
+
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a sequence; without a known camera, it has none."""
+        times_s, images = read_list(folder / "rgb.txt", folder, findings)
+        depths = None
+        if (folder / "depth.txt").exists():
+            depth_times_s, paths = read_list(
+                folder / "depth.txt", folder, findings
             )
-        return result
+            numbers = nearest(times_s, depth_times_s, self.max_difference_s)
+            depths = tuple(
+                paths[number] if number >= 0 else None for number in numbers
+            )
+        poses = None
+        truth = folder / "groundtruth.txt"
+        if truth.exists():
+            pose_times_s, poses = pose_files.read_tum(truth, findings)
+            poses = nearest_poses(
+                times_s, pose_times_s, poses, self.max_difference_s
+            )
+        intrinsics = self.intrinsics
+        distortion = self.distortion or ()
+        match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
+        if intrinsics is None and match:
+            intrinsics, distortion = FREIBURG[match[1]]
+        cameras: tuple[DistortedCamera, ...] = ()
+        if images and intrinsics:
+            with findings.catch(images[0]):
+                view = Intrinsics(*intrinsics, *image_size(images[0]))
+                camera = DistortedCamera(view, "FULL_OPENCV", distortion)
+                cameras = (camera,) * len(images)
+        return Scan(images, times_s, cameras, poses, depths)

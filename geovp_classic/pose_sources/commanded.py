@@ -88,7 +88,7 @@ class Commanded:
 
 def _read_tum(path: Path, ahead_s: FloatArray) -> FloatArray:
     """Return last_from_cam [F, 4, 4] at times after the first pose of a file."""
-    commanded = pose_files.read_tum(path)
+    commanded = pose_files.read_trajectory(path)
     command_s = commanded.times_s - commanded.times_s[0]
     if command_s[-1] < ahead_s[-1] - 1e-6:
         raise BadData(

@@ -104,7 +104,7 @@ class Recorded:
 def _read_images(path: Path) -> ByteArray:
     """Read frames [F, H, W, 3] of a video or folder, or [S, F, H, W, 3] of a folder of folders."""
     if path.is_file():
-        video = frames.VideoFrames.open(path)
+        video = frames.VideoFrames(path)
         return _stack(path, [video.read(index) for index in range(len(video))])
     samples = sorted(child for child in path.iterdir() if child.is_dir())
     if samples:

@@ -352,7 +352,9 @@ def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
     )
     assert (first != second).any()
     folders = [tmp_path / "out", *(tmp_path / "out" / "samples" / n for n in ("001", "002"))]
-    paths = [pose_files.read_tum(folder / "poses.tum.txt").world_from_cam for folder in folders]
+    paths = [
+        pose_files.read_trajectory(folder / "poses.tum.txt").world_from_cam for folder in folders
+    ]
     np.testing.assert_allclose(paths[1][:8], paths[0][:8])  # the samples have one past
     assert np.abs(paths[1][8:] - paths[2][8:]).max() > 1e-4
 
@@ -471,7 +473,7 @@ def test_frames_and_poses_are_numbered_as_in_the_recording(written: Path) -> Non
     }
     assert names["seen"] == [f"{n:06d}.png" for n in range(8)]
     assert names["frames"] == [f"{n:06d}.png" for n in range(8, 11)]
-    stamped = pose_files.read_tum(written / "poses.tum.txt")
+    stamped = pose_files.read_trajectory(written / "poses.tum.txt")
     _, plain = pose_files.read_kitti(written / "poses.kitti.txt")
     np.testing.assert_allclose(stamped.times_s, 0.1 * np.arange(11), atol=1e-9)
     np.testing.assert_allclose(stamped.world_from_cam, plain, atol=1e-6)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from geovp_benchmarks.predict.prediction_request import PredictionRequest
-from geovp_classic.data.calibration_files import Calibration, exif_focal_px, read_calibration
+from geovp_classic.data.calibration_files import exif_focal_px, read_camera
 from geovp_classic.data.frames import FrameFiles
-from geovp_classic.data.undistortion import UndistortedFrames, common_pinhole
+from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
@@ -45,9 +45,8 @@ def find_camera(
         asked.path,
     )
     if given is not None:
-        return _undistorted(
-            recording, Calibration(given, None, asked.distortion or ()), path, "given"
-        )
+        lens = _distorted(Intrinsics(*given, width_px, height_px), asked)
+        return _undistorted(recording, lens, path, "given")
     if fov_deg is not None:
         if not 0 < fov_deg < 170:
             raise BadData(
@@ -55,14 +54,10 @@ def find_camera(
                 "0 and 170"
             )
         middle = centred(focal_of_fov(fov_deg, width_px), width_px, height_px)
-        numbers = (middle.fx_px, middle.fy_px, middle.cx_px, middle.cy_px)
-        return _undistorted(
-            recording, Calibration(numbers, None, asked.distortion or ()), path, "fov"
-        )
+        return _undistorted(recording, _distorted(middle, asked), path, "fov")
     if calibration is not None:
-        return _undistorted(
-            recording, read_calibration(calibration, path), calibration, "calibration"
-        )
+        lens = read_camera(calibration, path, (width_px, height_px))
+        return _undistorted(recording, lens, calibration, "calibration")
     focal_px = (
         exif_focal_px(recording.frames.paths[0])
         if isinstance(recording.frames, FrameFiles)
@@ -73,16 +68,20 @@ def find_camera(
     return camera, replace(recording, intrinsics=camera.intrinsics)
 
 
+def _distorted(view: Intrinsics, asked: PredictionRequest) -> DistortedCamera:
+    """Return a camera with the coefficients of `--distortion`."""
+    return DistortedCamera(view, "FULL_OPENCV", asked.distortion or ())
+
+
 def _undistorted(
-    recording: Recording, read: Calibration, file: Path, source: str
+    recording: Recording, lens: DistortedCamera, file: Path, source: str
 ) -> tuple[Camera, Recording]:
     """Undistort the images into a pinhole camera of the same focal length, without empty pixels."""
-    camera = read.of_size(file, recording.intrinsics.width_px, recording.intrinsics.height_px)
-    if (lens := read.lens(camera)) is None:
-        return Camera(camera, source), replace(recording, intrinsics=camera)
+    if not any(lens.distortion):
+        return Camera(lens.pinhole, source), replace(recording, intrinsics=lens.pinhole)
     view = common_pinhole([lens], file)
     frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
-    return Camera(view, source, read.distortion), replace(recording, frames=frames, intrinsics=view)
+    return Camera(view, source, lens.distortion), replace(recording, frames=frames, intrinsics=view)
 
 
 def centred(focal_px: float, width_px: int, height_px: int) -> Intrinsics:

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
-from geovp_classic.data.calibration_files import exif_focal_px, read_calibration
+from geovp_classic.data.calibration_files import exif_focal_px, read_camera
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 
@@ -41,28 +40,27 @@ KALIBR = """cam0:
 )
 def test_all_formats_give_the_same_camera(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
-    read = read_calibration(tmp_path / name, tmp_path / "image_2")
-    assert read.numbers == (500.0, 510.0, 319.5, 239.5)
-    assert read.size_px == (None if name.startswith("calib") else (640, 480))
-    assert bool(np.any(read.distortion)) == (text is ROS)
+    camera = read_camera(tmp_path / name, tmp_path / "image_2", (640, 480))
+    assert camera.pinhole == Intrinsics(500, 510, 319.5, 239.5, 640, 480)
+    assert any(camera.distortion) == (text is ROS)
 
 
 def test_kitti_camera_is_that_of_the_folder(tmp_path: Path) -> None:
     (tmp_path / "calib.txt").write_text(KITTI)
-    assert read_calibration(tmp_path / "calib.txt", tmp_path / "image_0").numbers[0] == 1
+    camera = read_camera(tmp_path / "calib.txt", tmp_path / "image_0", (4, 4))
+    assert camera.pinhole.fx_px == 1
     with pytest.raises(BadData, match="no line 'P3:'"):
-        read_calibration(tmp_path / "calib.txt", tmp_path / "image_3")
+        read_camera(tmp_path / "calib.txt", tmp_path / "image_3", (4, 4))
 
 
 def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> None:
     path = tmp_path / "cameras.txt"
     path.write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.05\n")
-    read = read_calibration(path, tmp_path)
-    assert read.numbers == (500.0, 500.0, 319.5, 239.5)
-    assert read.distortion == (-0.05,)
-    assert read.of_size(path, 320, 240) == Intrinsics(250, 250, 159.5, 119.5, 320, 240)
+    camera = read_camera(path, tmp_path, (320, 240))
+    assert camera.pinhole == Intrinsics(250, 250, 159.5, 119.5, 320, 240)
+    assert camera.distortion == (-0.05,)
     with pytest.raises(BadData, match="640x480, these are 640x360"):
-        read.of_size(path, 640, 360)
+        read_camera(path, tmp_path, (640, 360))
 
 
 @pytest.mark.parametrize(
@@ -71,6 +69,7 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
         ("a.yaml", "just a word"),
         ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}"),
         ("a.yaml", "K: [1, 2]"),
+        ("a.yaml", KALIBR.replace("coeffs: [0,", "coeffs: [")),
         ("cameras.txt", "1 PINHOLE 640 480 500 510"),
         ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240"),
         ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240"),
@@ -81,7 +80,7 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
 def test_a_wrong_file_gives_a_one_line_error(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(BadData, match=name) as caught:
-        read_calibration(tmp_path / name, tmp_path)
+        read_camera(tmp_path / name, tmp_path, (640, 480))
     assert "\n" not in str(caught.value)
 
 
@@ -89,8 +88,8 @@ def test_unknown_models_are_refused_any_number_of_times(tmp_path: Path) -> None:
     """Pycolmap loses a level of recursion for each unknown name."""
     (tmp_path / "cameras.txt").write_text("1 NOTHING 640 480 500 510\n")
     for _ in range(1100):
-        with pytest.raises(BadData, match="is not a camera"):
-            read_calibration(tmp_path / "cameras.txt", tmp_path)
+        with pytest.raises(BadData, match="is not a calibration"):
+            read_camera(tmp_path / "cameras.txt", tmp_path, (640, 480))
 
 
 def test_the_equivalent_focal_length_of_a_photo_refers_to_the_diagonal(tmp_path: Path) -> None:

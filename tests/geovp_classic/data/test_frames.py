@@ -12,8 +12,9 @@ from geovp_classic.data.frames import (
     VideoFrames,
     image_files,
     image_size,
+    numbered_images,
+    read_depth,
     read_image,
-    scan_numbered,
 )
 from geovp_classic.errors import BadData
 
@@ -91,7 +92,7 @@ def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
     for name in ("000001.png", "000002.png", "000002.jpg", "000006.png", "readme.txt"):
         (tmp_path / name).touch()
     findings = Findings()
-    paths = scan_numbered(tmp_path, findings)
+    paths = numbered_images(tmp_path, findings)
     assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
     assert [(finding.severity, finding.path.name) for finding in findings] == [
         ("error", "000002.png"),
@@ -102,7 +103,7 @@ def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
 
 
 def test_video_frames_come_by_number_in_any_order(video: Path) -> None:
-    frames = VideoFrames.open(video)
+    frames = VideoFrames(video)
     assert (len(frames), frames.size_px, frames.rate_hz) == (12, (64, 24), 25)
     for index in (0, 3, 4, 1, 7, 0):
         assert abs(int(frames.read(index)[16, 24, 0]) - 10 * index) <= 2
@@ -122,3 +123,15 @@ def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:
     ):
         with pytest.raises(BadData, match=message):
             read_image(path, bits=bits)
+
+
+def test_depths_are_metres_and_images_that_are_missing_have_none(tmp_path: Path) -> None:
+    path = tmp_path / "depth.png"
+    values = np.full((6, 8), 10000, np.uint16)
+    cv2.imwrite(str(path), values)
+    depths = FrameFiles((path, None), ((8, 6), (8, 6)), read_depth)
+    np.testing.assert_array_equal(depths.read(0), np.full((6, 8), 2.0, np.float32))
+    np.testing.assert_array_equal(depths.read(1), np.zeros((6, 8)))
+    cv2.imwrite(str(path), values.astype(np.uint8))
+    with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions"):
+        depths.read(0)

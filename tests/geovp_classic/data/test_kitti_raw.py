@@ -9,7 +9,7 @@ import pytest
 from geovp_benchmarks.audit.contracts import street
 from geovp_classic.data import kitti_raw
 from geovp_classic.data.doctor import Doctor
-from geovp_classic.data.findings import Findings
+from geovp_classic.data.findings import RAISE
 from geovp_classic.data.kitti_raw import KittiRaw
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
@@ -90,9 +90,7 @@ def test_points_are_projected_to_where_calibration_files_say(root: Path) -> None
 def test_times_have_nanoseconds_and_start_at_zero(tmp_path: Path) -> None:
     path = tmp_path / "timestamps.txt"
     path.write_text("2011-09-26 23:59:59.900000001\n2011-09-27 00:00:00\n2011-09-27 00:00:00.1\n")
-    findings = Findings()
-    times_s = kitti_raw.scan_timestamps(path, findings)
-    assert findings == []
+    times_s = kitti_raw.read_timestamps(path, RAISE)
     np.testing.assert_allclose(times_s, [0, 0.099999999, 0.199999999], atol=1e-12)
 
 
@@ -107,7 +105,7 @@ def test_without_readings_there_are_no_poses(tmp_path: Path, write_kitti_raw: Wr
     [
         ("2011_09_26/calib_cam_to_cam.txt", 4, "S_rect_02: 1242 375", "S_rect_02 is 1242x375, the"),
         ("2011_09_26/calib_cam_to_cam.txt", 3, "R_rect: 1 0 0", "has no line 'R_rect_00:'"),
-        ("2011_09_26/calib_velo_to_cam.txt", 2, "R: one", "line 2: could not convert string"),
+        ("2011_09_26/calib_velo_to_cam.txt", 2, "R: one", "line 2: 'one' is not a finite number"),
         (f"{DRIVE}/image_02/timestamps.txt", 3, "2011-09-31 13:02:25", "line 3: '2011-09-31 13:02"),
         (f"{DRIVE}/image_02/timestamps.txt", 3, "2011-09-26 13:02:25.0", "is not after"),
         (f"{DRIVE}/oxts/data/0000000003.txt", 1, "49 8 100", "line 1: 3 numbers, expected 30"),

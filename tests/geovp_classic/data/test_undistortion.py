@@ -1,6 +1,7 @@
 """Undistorted images show a point where a pinhole camera sees it."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import pycolmap
 import pytest
 
 from geovp_classic.data import undistortion
-from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths
+from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 
@@ -49,6 +50,26 @@ def equidistant(
     return x * stretch, y * stretch
 
 
+@dataclass(frozen=True)
+class Images:
+    """A frame in memory."""
+
+    frame: np.ndarray
+
+    def __len__(self) -> int:
+        return 1
+
+    def read(self, index: int) -> np.ndarray:
+        return self.frame
+
+
+def undistorted(
+    image: np.ndarray, camera: DistortedCamera, view: Intrinsics, *interpolation: int
+) -> np.ndarray:
+    """Return the image of the pinhole camera `view`."""
+    return UndistortedFrames(Images(image), (camera,), view, *interpolation).read(0)
+
+
 def spot(u: float, v: float) -> np.ndarray:
     """Return an image [240, 320, 3] with a smooth bright spot of 3 px around a place."""
     columns, rows = np.meshgrid(np.arange(320), np.arange(240))
@@ -77,7 +98,7 @@ def test_a_point_is_shown_where_a_pinhole_camera_sees_it(
     camera = camera_of(model, numbers)
     view = undistortion.common_pinhole([camera], Path("here"))
     distorted = F * np.array(distort(*RAY, *numbers)) + [CX, CY]
-    image = undistortion.undistorted(spot(*distorted), camera, view)
+    image = undistorted(spot(*distorted), camera, view)
     expected = view.fx_px * np.array(RAY) + [CX, CY]
     assert np.linalg.norm(distorted - expected) > 2
     np.testing.assert_allclose(centre_of(image), expected, atol=0.4)  # the spot is bent, too
@@ -88,11 +109,11 @@ def test_colmap_counts_pixels_from_the_corner() -> None:
     given = pycolmap.Camera(model="SIMPLE_RADIAL", width=320, height=240, params=params)
     assert DistortedCamera.from_colmap(given) == camera_of("SIMPLE_RADIAL", (0.25,))
     ray = np.array([[0.3, 0.4, 1.0]])
-    distorted = DistortedCamera.from_colmap(given).pixels(ray)
+    distorted = DistortedCamera.from_colmap(given).project(ray)
     np.testing.assert_allclose(distorted, given.img_from_cam(ray) - 0.5)
     camera = camera_of()
     image = spot(100, 50)
-    assert undistortion.undistorted(image, camera, camera.pinhole) is image
+    assert undistorted(image, camera, camera.pinhole) is image
 
 
 def test_pincushion_distortion_is_zoomed_until_no_border_is_empty() -> None:
@@ -108,7 +129,7 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_empty() -> None:
         return F * 159.5 / focal_px * (1 + 0.1 * squared)
 
     assert source_px(view.fx_px) <= 160 < source_px(view.fx_px / 1.011)
-    white = undistortion.undistorted(np.full((240, 320), 255, np.uint8), camera, view)
+    white = undistorted(np.full((240, 320), 255, np.uint8), camera, view)
     assert white.min() == 255
 
 
@@ -128,15 +149,9 @@ def test_cameras_that_see_no_common_image_are_refused() -> None:
             undistortion.common_pinhole(cameras, Path("model"))
 
 
-def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
+def test_depths_are_those_of_the_nearest_pixels() -> None:
     camera = camera_of("OPENCV", (-0.28, 0.07, 0.0, 0.0))
-    path = tmp_path / "depth.png"
-    values = np.full((240, 320), 10000, np.uint16)
-    values[:, 160:] = 25000
-    cv2.imwrite(str(path), values)
-    depths = UndistortedDepths((path, None), (camera, camera), camera.pinhole, 5000.0)
-    assert set(np.unique(depths(0))) == {2.0, 5.0}  # no mean of the two
-    np.testing.assert_array_equal(depths(1), np.zeros((240, 320)))
-    cv2.imwrite(str(path), values.astype(np.uint8))
-    with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions"):
-        depths(0)
+    depth = np.full((240, 320), 2, np.float32)
+    depth[:, 160:] = 5
+    shown = undistorted(depth, camera, camera.pinhole, cv2.INTER_NEAREST)
+    assert set(np.unique(shown)) == {2.0, 5.0}  # no mean of the two

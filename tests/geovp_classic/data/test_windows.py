@@ -75,17 +75,6 @@ def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride:
     assert starts[-1] + num_frames <= last < starts[-1] + stride + num_frames
 
 
-def test_settings_without_clips_are_refused() -> None:
-    for settings, message in (
-        ((1, 1, (8, 8)), "num_frames is 1"),
-        ((2, 0, (8, 8)), "stride is 0"),
-        ((2, 1, (8, 9)), "a square"),
-        ((2, 1, (0, 0)), "a square"),
-    ):
-        with pytest.raises(BadData, match=message):
-            windows.check_protocol(*settings)
-
-
 @pytest.mark.parametrize(
     ("width_px", "height_px", "side_px", "tolerance_px"),
     [(1242, 375, 256, 0.01), (416, 128, 128, 1e-6), (416, 128, 256, 0.02)],
