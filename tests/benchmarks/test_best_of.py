@@ -16,7 +16,7 @@ from geovp_benchmarks.running.planning import Options
 from geovp_benchmarks.running.run import run
 from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
 from geovp_benchmarks.tables import tables
-from geovp_benchmarks.tables.tables import MethodScores
+from geovp_benchmarks.tables.table_model import MethodScores
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 
 KALMAN = {
@@ -47,7 +47,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 @pytest.fixture(scope="module")
 def rows(results: Results) -> dict[str, MethodScores]:
-    return {row.name.removeprefix("kalman + planes"): row for row in tables.build(results)[0].rows}
+    methods = tables.build(results)[0].methods
+    return {method.label.removeprefix("kalman + planes"): method for method in methods}
 
 
 def cube(results: Results, metric: str) -> Cube:
@@ -70,26 +71,24 @@ def test_the_best_of_all_columns_is_one_of_the_samples(
         cube(results, "translation-error").values.mean(axis=2),
     )
     chosen = psnr.argmax(axis=1)
-    by_psnr = rows[", best of 5 by PSNR"].estimates
-    assert float(by_psnr["psnr"].mean) == pytest.approx(psnr.max(axis=1).mean())
-    assert float(by_psnr["translation-error"].mean) == pytest.approx(
-        metres[np.arange(2), chosen].mean()
-    )
-    best = rows[", best of 5"].estimates
-    assert float(best["translation-error"].mean) == pytest.approx(metres.min(axis=1).mean())
-    assert not rows["mean + planes"].by_truth
-    assert rows[", best of 5"].by_truth
+    by_psnr = rows[", best of 5 by PSNR"].scores
+    assert by_psnr["psnr"].mean == pytest.approx(psnr.max(axis=1).mean())
+    assert by_psnr["translation-error"].mean == pytest.approx(metres[np.arange(2), chosen].mean())
+    best = rows[", best of 5"].scores
+    assert best["translation-error"].mean == pytest.approx(metres.min(axis=1).mean())
+    assert not rows["mean + planes"].is_oracle_selected
+    assert rows[", best of 5"].is_oracle_selected
 
 
 def test_the_expected_best_rises_from_the_mean_to_the_best(
     results: Results, rows: dict[str, MethodScores]
 ) -> None:
     (own,) = [table for table in tables.build(results) if table.name == "samples-psnr"]
-    (row,) = own.rows
-    curve = [float(row.estimates[f"psnr of {k}"].mean) for k in (1, 2, 5)]
+    (row,) = own.methods
+    curve = [row.scores[f"psnr of {k}"].mean for k in (1, 2, 5)]
     assert curve == sorted(curve)
-    assert curve[0] == pytest.approx(float(rows[", mean of 5"].estimates["psnr"].mean))
-    assert curve[-1] == pytest.approx(float(rows[", best of 5"].estimates["psnr"].mean))
+    assert curve[0] == pytest.approx(rows[", mean of 5"].scores["psnr"].mean)
+    assert curve[-1] == pytest.approx(rows[", best of 5"].scores["psnr"].mean)
 
 
 def test_many_samples_are_scored_in_little_more_memory_than_few(

@@ -68,7 +68,7 @@ class TestRuns:
         (note,) = [
             note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
         ]
-        assert note == "Computed by another version of the code, in whole or in part: still."
+        assert note == "still: computed by another version of the code, or partly."
 
     def test_fresh_computes_just_those_anew(
         self, tmp_path: Path, edit: Callable[[str], None]

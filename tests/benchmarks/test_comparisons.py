@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Column, MethodScores, best
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -19,7 +20,8 @@ OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
 def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
-    return MethodScores.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
+    score = Score.of(values, CLIPS, UNBOUNDED)
+    return MethodScores(name, {"psnr": score}, marks, score.clips, by_truth)
 
 
 def bold(*rows: MethodScores) -> set[str]:
@@ -30,7 +32,7 @@ def test_what_cannot_be_told_from_the_best_is_bold_and_what_always_loses_a_littl
     # Scenes differ by 3 dB, so that means have wide intervals; half a decibel on every clip is
     # certain nevertheless.
     first, equal = row("first", SCENES + OWN[0]), row("equal", SCENES + OWN[1])
-    assert first.intervals["psnr"].high - first.intervals["psnr"].low > 1.5
+    assert first.scores["psnr"].high - first.scores["psnr"].low > 1.5
     assert bold(first, equal, row("worse", SCENES - 0.5 + OWN[2])) == {"first", "equal"}
 
 
@@ -57,14 +59,14 @@ def test_a_positive_error_is_not_bold_below_an_exact_one_whatever_its_interval_h
     error = np.zeros(30)
     error[7] = 2.7  # .09 m on average, with an interval that reaches zero
     rows = [row("exact", np.zeros(30)), row("off", error), row("worse", SCENES)]
-    assert rows[1].intervals["psnr"].low <= 0
+    assert rows[1].scores["psnr"].low <= 0
     assert {name for name, _ in best(rows, [column], CLIPS)} == {"exact"}
 
 
 def test_nothing_is_bold_below_eight_effective_clips() -> None:
     drift = np.linspace(0, 30, 30)  # each clip is like the one before it
     rows = row("a", SCENES[0] + drift), row("b", SCENES[0] + drift - 1)
-    assert rows[0].intervals["psnr"].effective < 8
+    assert rows[0].scores["psnr"].effective_clips < 8
     assert bold(*rows) == set()
 
 
@@ -96,8 +98,8 @@ def results(tmp_path: Path) -> Results:
 
 def test_differences_are_paired_and_marked_when_they_are_certain(results: Results) -> None:
     table = tables.against(results, "base")
-    by_name = {one.name: one for one in table.rows}
-    good, same = by_name["good"].intervals["psnr"], by_name["same"].intervals["psnr"]
+    by_name = {one.label: one for one in table.methods}
+    good, same = by_name["good"].scores["psnr"], by_name["same"].scores["psnr"]
     assert good.mean == pytest.approx(1 + OWN[3].mean())
     assert 0.9 < good.low < good.high < 1.1
     assert same.low < 0.1
@@ -115,21 +117,20 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
 def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> None:
     # On its own easy clips `short` has far more than the base has on all; clip by clip it has half
     # a decibel.
-    short = next(one for one in tables.against(results, "base").rows if one.name == "short")
+    short = next(one for one in tables.against(results, "base").methods if one.label == "short")
     assert short.num_clips == 15
-    assert float(short.estimates["psnr"].mean) == pytest.approx(0.5)
+    assert short.scores["psnr"].mean == pytest.approx(0.5)
     assert row_of(lines(results), "short")[1].startswith("15")
 
 
 def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:
-    base = next(one for one in tables.build(results)[0].rows if one.name == "base").intervals[
+    base = next(one for one in tables.build(results)[0].methods if one.label == "base").scores[
         "psnr"
     ]
     text = formats.markdown(tables.build(results)[0]).splitlines()
     assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
     assert any("block bootstrap" in line for line in text)
     assert any(line.startswith("- Bold: ") for line in text)
-    assert "Fewer than 3 clips" not in "".join(text)
     smooth = {
         (clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)
     }  # neighbours are alike

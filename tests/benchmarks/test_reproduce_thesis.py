@@ -66,27 +66,19 @@ def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
 ) -> None:
     code, results = done
     assert code == 0
-    text = (results.tables / "thesis.md").read_text()
-    ours, published = text.split("## Published, not measured here")
+    ours, published = (
+        (results.tables / f"{name}.md").read_text() for name in ("thesis", "thesis-published")
+    )
     names = ["SVG - 1 Sample", "SVG - 2 Samples", "gt-3d+ground-far-plane [pfh]", "copy-last"]
-    assert re.findall(r"^[|] (\w.*?) +[|] [*\d]", ours, re.M) == names
+    assert re.findall(r"^[|] (\w.*?) +[|] +2 [|]", ours, re.M) == names
     assert (
         "- 2 clips of kitti, split thesis-like-test; 10 frames seen, the next 20 predicted at "
         "256x256." in ours
     )
-    assert "Split thesis-like-test: 07, 10." in ours
-    assert "**13.504 ± 0.070**" in published
-    rivals = [
-        line.split("|")[2:5] for line in ours.splitlines() if re.match(r"[|] (SVG|copy)", line)
-    ]
-    for column, choose in zip(zip(*rivals, strict=True), (max, max, min), strict=True):
-        means = [float(cell.strip(" *").split()[0]) for cell in column if cell.strip() != "-"]
-        bold = [float(cell.strip(" *").split()[0]) for cell in column if "**" in cell]
-        assert bold == [mean for mean in means if mean == choose(means)]
-    assert not re.search(r"^[|] gt-3d.*[*]{2}", ours, re.M)  # it knows the true poses
-    tex = (results.tables / "thesis.tex").read_text()
-    assert tex.count(r"\begin{tabular}") == tex.count(r"\end{tabular}") == 2
-    assert r"SRVP - 100 Samples & \textbf{13.504 $\pm$ 0.070}" in tex
+    assert "**" not in ours  # two clips are too few
+    assert "**13.504** ± 0.070" in published
+    tex = (results.tables / "thesis-published.tex").read_text()
+    assert r"SRVP - 100 Samples & - & \textbf{13.504} $\pm$ 0.070" in tex
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -281,13 +281,13 @@ class TestFailures:
         said, strict = (
             tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True)
         )
-        assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
+        assert (said.methods[0].num_clips, strict.methods[0].num_clips) == (5, 3)
         words = (
             "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame "
             "(--strict leaves them out)"
         )
-        assert said.notes[-1] == f"{words}: road/003, road/004: ZeroDivisionError: the road ended."
-        assert "left out" in strict.notes[-1]
+        assert f"{words}: road/003, road/004: ZeroDivisionError: the road ended." in said.notes
+        assert any("could not be predicted, left out" in note for note in strict.notes)
 
     def test_a_part_that_does_not_suit_a_clip_is_not_tried_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"

@@ -128,12 +128,11 @@ def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
     )
     assert straight.title == "demo, straight, by less than 5 deg (n = 2): whole frames and poses"
     # clips a and c have 9.5 and 11.5 dB over their two steps, b and d 10.5 and 12.5, e 13.5
-    assert [
-        float(table.rows[0].estimates["psnr"].mean) for table in (straight, turning, unknown)
-    ] == [10.5, 11.5, 13.5]
-    assert [table.rows[0].num_clips for table in (straight, turning, unknown)] == [2, 2, 1]
-    assert straight.rows[1].num_clips == 1
-    assert any(note == "half: partial: 1 of 2 clips; run again." for note in straight.notes)
+    means = [table.methods[0].scores["psnr"].mean for table in (straight, turning, unknown)]
+    assert means == [10.5, 11.5, 13.5]
+    assert [table.methods[0].num_clips for table in (straight, turning, unknown)] == [2, 2, 1]
+    assert straight.methods[1].num_clips == 1
+    assert any(note == "half: partial, 1 of 2 clips: run again." for note in straight.notes)
 
 
 def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Results) -> None:

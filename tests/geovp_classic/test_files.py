@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_benchmarks.tables.latex import tex_escaped
+from geovp_benchmarks.tables.latex import escape
 from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
@@ -76,7 +76,7 @@ def test_python_notation_is_not_a_number_in_a_pose_file(tmp_path: Path) -> None:
 
 @given(st.text(max_size=60))
 def test_text_is_escaped_in_latex(text: str) -> None:
-    plain = tex_escaped(text)
+    plain = escape(text)
     for name in ("textbackslash", "textasciitilde", "textasciicircum", "textless", "textbar"):
         plain = plain.replace(f"\\{name}{{}}", "")
     for command in (r"\textgreater{}", r"$\pm$", r"$\uparrow$", r"$\downarrow$"):

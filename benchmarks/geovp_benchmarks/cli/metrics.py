@@ -23,27 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Print what differs, then the paired differences."""
-    from geovp_benchmarks.tables import explanation
+    """Print what differs, and paired differences for each method."""
+    from geovp_benchmarks.tables.comparison import compare
 
-    (a, row_a), (b, row_b) = _parsed(chosen.a), _parsed(chosen.b)
-    found = explanation.pairs(a, b, row_a, row_b)
-    common = list(explanation.shared(*found[0]))
-    print(f"A: {chosen.a}\nB: {chosen.b}", *common, sep="\n")
-    for one, other in found:
-        own = list(explanation.own(one, other))
-        names = (
-            one.method.label
-            if one.method.label == other.method.label
-            else f"{one.method.label} (A), {other.method.label} (B)"
-        )
-        print(
-            f"\n{names}",
-            *([] if common or own else ["Nothing differs that is stored."]),
-            *own,
-            sep="\n",
-        )
-        print(*explanation.differences(one, other), sep="\n")
+    (a, method_a), (b, method_b) = _parsed(chosen.a), _parsed(chosen.b)
+    print(f"A: {chosen.a}\nB: {chosen.b}", *compare(a, b, method_a, method_b), sep="\n")
     return 0
 
 

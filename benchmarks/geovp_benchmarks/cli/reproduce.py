@@ -67,23 +67,19 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks import plots
     from geovp_benchmarks.audit import reproduction
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables import formats, thesis
-    from geovp_classic.data.atomic import write_bytes
+    from geovp_benchmarks.tables import formats, published, tables
 
     matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
     matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.methods)
     matrix = matrix.with_device(chosen.device)
     results = Results(chosen.out or Path("results") / chosen.name)
     methods = _fill(matrix, results, chosen)
-    texts = {ending: render(results) for ending, render in reproduction.TABLES[chosen.name].items()}
-    formats.write_all(results)
-    for ending, text in texts.items():
-        write_bytes(results.tables / f"{chosen.name}.{ending}", text.encode())
-    print(texts["md"])
+    paper_tables = published.build(results, chosen.name)
+    formats.write_all(results, [*tables.build(results), *paper_tables])
+    print(*map(formats.markdown, paper_tables), sep="\n")
     with progress_bar("plots", "figures") as progress:
         drawn = [path.name for _, files in plots.write_all(results, progress) for path in files]
-    if chosen.name == "thesis":
-        print(*thesis.figures(drawn), sep="\n")
+    print(*published.figures(chosen.name, drawn), sep="\n")
     print(f"tables: {results.tables}\nplots:  {results.plots}")
     return int(any(method.status != "done" for method in methods))
 

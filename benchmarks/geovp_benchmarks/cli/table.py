@@ -102,7 +102,7 @@ def run(chosen: argparse.Namespace) -> int:
         versions = ", ".join(
             f"{package} {version}" for package, version in protocol["versions"].items()
         )
-        commands = [chosen.command or formats.default_command(protocol), _own_command(chosen)]
+        commands = [chosen.command or f"geovp run {protocol['name']}", _own_command(chosen)]
         origin = f"`geovp table --page`; computed with {versions}"
         formats.write_page(chosen.page, protocol["name"], commands, origin, text)
     return 0
@@ -111,12 +111,13 @@ def run(chosen: argparse.Namespace) -> int:
 def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> str:
     """What is printed, in Markdown no wider than so many columns."""
     from geovp_benchmarks.analysis import strata
-    from geovp_benchmarks.tables import formats, thesis
+    from geovp_benchmarks.tables import formats, published
 
     _check(chosen)
     if chosen.style == "thesis":
         parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
-        return "\n".join(map(thesis.FORMATS[chosen.format], parts))
+        shown = [table for part in parts for table in published.build(part, "thesis")]
+        return "\n".join(map(formats.FORMATS[chosen.format], shown))
     shown = _labelled(_tables(chosen, results), chosen.label, chosen.caption)
     if chosen.format == "md":
         return "\n".join(formats.markdown(table, columns) for table in shown)
@@ -142,17 +143,11 @@ def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
     if chosen.by is not None:
         return [main for main, *_ in built]
     usual = chosen.spread == "interval" and not chosen.strict and choice == EVERYTHING
-    formats.write_all(results, built[0] if usual else None)
+    formats.write_all(results, built[0] if usual else tables.build(results))
     return built[0]
 
 
 def _check(chosen: argparse.Namespace) -> None:
-    from geovp_benchmarks.tables import thesis
-
-    if chosen.style == "thesis" and chosen.format not in thesis.FORMATS:
-        raise BadData(
-            f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}"
-        )
     if chosen.style == "thesis" and (
         chosen.methods or chosen.metrics or chosen.label or chosen.caption
     ):

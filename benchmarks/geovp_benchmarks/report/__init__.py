@@ -2,7 +2,9 @@
 
 import base64
 import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import jinja2
 
@@ -14,7 +16,6 @@ from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import MARKS, higher_is_better, summary, title
 from geovp_benchmarks.tables import tables
-from geovp_benchmarks.tables.explanation import flat
 from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 from geovp_classic.data.atomic import write_bytes
 
@@ -91,6 +92,15 @@ def settings_as_toml(method: Method) -> str:
         ]
         blocks.append("\n".join([f"[{role}s.{json.dumps(name)}]", *lines]))
     return "\n\n".join(blocks)
+
+
+def flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield nested settings as values by dotted keys."""
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def privileged_inputs(method: Method) -> str:

@@ -64,17 +64,17 @@ def side_by_side(results: Results, width: int | None = None) -> str:
     """
     parts = {label: tables.build(part)[0] for label, part in results.by_dataset().items()}
     columns = [(label, column) for label, table in parts.items() for column in table.columns]
-    rows = {label: {row.name: row for row in table.rows} for label, table in parts.items()}
+    rows = {label: {row.label: row for row in table.methods} for label, table in parts.items()}
     marks = {
-        row.name: f" [{row.marks}]" * bool(row.marks)
+        row.label: f" [{row.marks}]" * bool(row.marks)
         for table in parts.values()
-        for row in table.rows
+        for row in table.methods
     }
     lines = [["method", *(f"{label}: {column.heading}" for label, column in columns)]]
     for name in marks:
         known = ((parts[label], rows[label].get(name), column) for label, column in columns)
         texts = (
-            "-" if row is None else formats.value(table, row, column)
+            "-" if row is None else "".join(table.texts(row, column, "**{}**"))
             for table, row, column in known
         )
         lines.append([name + marks[name], *texts])

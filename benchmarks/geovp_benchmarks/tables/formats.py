@@ -1,199 +1,137 @@
-"""Tables as Markdown and CSV, and in every format."""
+"""Tables as Markdown, CSV and JSON, in a terminal and on pages of the documentation."""
 
 import csv
 import datetime
 import io
-import itertools
 import json
+import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.latex import latex
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
+from geovp_benchmarks.tables.table_model import MethodScores, Score, Table
 from geovp_classic.data.atomic import write_bytes
 
-NOTES = "## Notes\n"  # from this line on, a page is written by hand
-NUMBERS = ("mean", "low", "high", "standard_error", "clips", "effective_clips")
 
-
-def write_all(results: Results, built: Sequence[Table] | None = None) -> list[Path]:
-    """Write all tables in all formats and return the files; those of `tables.build(results)` can be
-    handed over.
-    """
-    written = []
-    for table in tables.build(results) if built is None else built:
+def write_all(results: Results, tables: Sequence[Table]) -> None:
+    """Write tables in all formats into a results folder."""
+    for table in tables:
         for ending, render in FORMATS.items():
-            path = results.tables / f"{table.name}.{ending}"
-            write_bytes(path, render(table).encode())
-            written.append(path)
-    return written
+            write_bytes(results.tables / f"{table.name}.{ending}", render(table).encode())
 
 
 def markdown(table: Table, width: int | None = None) -> str:
-    """Return GitHub's Markdown, columns aligned so that it reads well in a terminal, too.
+    """Return GitHub's Markdown, aligned so that it also reads well in a terminal.
 
-    On a terminal of so many columns long names are shortened, and metrics that don't fit stand in
-    blocks below.
+    On a terminal of so many columns, metrics that do not fit stand in blocks below.
     """
     lines = [["method", "clips", *(column.heading for column in table.columns)]]
-    for row in table.rows:
-        marks = f" [{row.marks}]" if row.marks else ""
-        values = [value(table, row, column) for column in table.columns]
-        lines.append([row.name + marks, table.clips(row), *values])
+    for method in table.methods:
+        label = f"{method.label} [{method.marks}]" if method.marks else method.label
+        texts = ("".join(table.texts(method, column, "**{}**")) for column in table.columns)
+        lines.append([label, table.clips(method), *texts])
     notes = [f"- {note}" for note in table.notes]
     if width is not None:
-        notes = [
-            line for note in notes for line in textwrap.wrap(note, width, subsequent_indent="  ")
-        ]
+        notes = [textwrap.fill(note, width, subsequent_indent="  ") for note in notes]
     return "\n".join([f"## {table.title}", "", *blocks(lines, width), "", *notes, ""])
 
 
 def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 2) -> list[str]:
-    """Return one grid, or as many below each other as no wider ones need; all begin with the first,
-    shared columns.
-    """
-    if width is None:
-        return grid(lines)
-    lines = [[_shortened(name, width // 3), *texts] for name, *texts in lines]
-    shared, parts = list(range(num_shared)), [list[int]()]
-    for column in range(num_shared, len(lines[0])):
-        wider = [*shared, *parts[-1], column]
-        if parts[-1] and len(grid([[line[i] for i in wider] for line in lines])[0]) > width:
-            parts.append([])
-        parts[-1].append(column)
-    grids = [grid([[line[i] for i in (*shared, *part)] for line in lines]) for part in parts]
-    return [line for number, one in enumerate(grids) for line in [*([""] if number else []), *one]]
-
-
-def _shortened(name: str, width: int) -> str:
-    """Return the name with its middle left out where it is longer."""
-    half = (width - 1) // 2
-    return name if len(name) <= width else f"{name[:half]}…{name[-half:]}"
+    """Return a grid, or several that fit a width; all have the first columns, names shortened."""
+    if width is not None:
+        half = width // 6
+        lines = [
+            [name if len(name) <= 2 * half else f"{name[: half - 1]}…{name[-half:]}", *texts]
+            for name, *texts in lines
+        ]
+    text = grid(lines)
+    size = len(lines[0]) - num_shared
+    while width is not None and size > 1 and max(map(len, text)) > width:
+        size -= 1
+        text = []
+        for start in range(num_shared, len(lines[0]), size):
+            block = [[*line[:num_shared], *line[start : start + size]] for line in lines]
+            text += ["", *grid(block)] if text else grid(block)
+    return text
 
 
 def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
-    """Return a Markdown table of a head and rows; with `numbers`, all columns but the first are
-    aligned on the right.
-    """
-    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    layout = " | ".join(["{:<{}}", *["{:>{}}" if numbers else "{:<{}}"] * (len(widths) - 1)])
-    rule = ["-" * widths[0], *("-" * (n - 1) + (":" if numbers else "-") for n in widths[1:])]
-    rows = [lines[0], rule, *lines[1:]]
-    return [
-        f"| {layout.format(*itertools.chain(*zip(row, widths, strict=True)))} |" for row in rows
-    ]
-
-
-def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
-    """Write a page of the documentation: title, commands, date and origin, text; the old page's
-    notes stay.
-    """
-    before = path.read_text(encoding="utf-8") if path.exists() else ""
-    heading = [f"# {title}", "", "```sh", *commands, "```", ""]
-    written = f"Written on {datetime.date.today().isoformat()} by {origin}."
-    _, found, kept = before.partition(NOTES)
-    lines = [*heading, written, "", text.rstrip(), "", *([NOTES + kept] if found else [])]
-    write_bytes(path, "\n".join(lines).encode())
-
-
-def default_command(protocol: Mapping[str, Any]) -> str:
-    """Return the command that computes the rows of a matrix, which lies among ours or in the
-    current folder.
-    """
-    name, _, label = protocol["name"].partition(
-        "/"
-    )  # a matrix of one of several data sets is FILE/LABEL
-    root = " --root path/to/data" if "root" in protocol["dataset"] and not label else ""
-    return f"geovp run {name if (CONFIGS / f'{name}.toml').exists() else f'{name}.toml'}{root}"
-
-
-def comma_separated(table: Table) -> str:
-    """Return unrounded numbers of each column: mean, interval, standard error, number of clips,
-    effective number.
-    """
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    suffixes = ["", *(f"_{number}" for number in NUMBERS[1:])]
-    names = [f"{column.key}{suffix}" for column in table.columns for suffix in suffixes]
-    writer.writerow(["method", "privileged_inputs", "clips", "protocol", *names])
-    for row in table.rows:
-        numbers = [
-            number for column in table.columns for number in _numbers(row, column.key).values()
-        ]
-        texts = ("" if number is None else repr(number) for number in numbers)
-        writer.writerow([row.name, row.marks, row.num_clips, row.protocol, *texts])
-    return stream.getvalue()
-
-
-def value(table: Table, row: MethodScores, column: Column) -> str:
-    """Return a value as Markdown has it, bold where it is the best."""
-    mean, error = table.texts(row, column)
-    return (f"**{mean}**" if table.is_best(row, column) else mean) + error
-
-
-def as_json(tables: Sequence[Table]) -> str:
-    """Return unrounded numbers of all columns; null for what is not known."""
-    return json.dumps([_plain(table) for table in tables], indent=2, ensure_ascii=False)
-
-
-def _plain(table: Table) -> dict[str, Any]:
-    rows = [
-        {
-            "method": row.name,
-            "privileged_inputs": row.marks,
-            "clips": row.num_clips,
-            "protocol": row.protocol,
-            "values": {column.key: _numbers(row, column.key) for column in table.columns},
-            "best": [column.key for column in table.columns if table.is_best(row, column)],
-        }
-        for row in table.rows
-    ]
-    columns = {
-        one.key: {"heading": one.heading, "higher_is_better": one.higher_is_better}
-        for one in table.columns
-    }
-    return {
-        "name": table.name,
-        "title": table.title,
-        "columns": columns,
-        "rows": rows,
-        "notes": list(table.notes),
-    }
-
-
-def _numbers(row: MethodScores, key: str) -> dict[str, float | int | None]:
-    """Return the numbers of a value by NUMBERS, None for those that are not known."""
-    if key not in row.estimates or int(row.estimates[key].count) == 0:
-        return {**dict.fromkeys(NUMBERS), "clips": 0}
-    one, found = row.estimates[key], row.intervals[key]
-    numbers = [
-        float(one.mean),
-        found.low,
-        found.high,
-        float(one.error),
-        int(one.count),
-        found.effective,
-    ]
-    return {
-        name: None if np.isnan(number) else number
-        for name, number in zip(NUMBERS, numbers, strict=True)
-    }
+    """Return a Markdown table; with `numbers`, all columns but the first are right-aligned."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    dashes = ["-" * width for width in widths]
+    rule = [dashes[0], *(dash[1:] + ":" if numbers else dash for dash in dashes[1:])]
+    align = str.rjust if numbers else str.ljust
+    rows = (
+        [line[0].ljust(widths[0]), *map(align, line[1:], widths[1:])]
+        for line in (lines[0], rule, *lines[1:])
+    )
+    return [f"| {' | '.join(row)} |" for row in rows]
 
 
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of texts as lines whose columns are aligned on the left."""
-    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    return [
-        "  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
+    """Return lines of texts whose columns are aligned on the left."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+
+
+def comma_separated(table: Table) -> str:
+    """Return unrounded numbers as CSV; nothing for those that are not known."""
+    stream = io.StringIO()
+    for method in table.methods:
+        record = _record(table, method)
+        for key, numbers in record.pop("values").items():
+            for name, number in numbers.items():
+                record[f"{key}_{name}".removesuffix("_mean")] = number
+        writer = csv.DictWriter(stream, record, lineterminator="\n")
+        if method is table.methods[0]:
+            writer.writeheader()
+        writer.writerow(record)
+    return stream.getvalue()
+
+
+def as_json(tables: Sequence[Table]) -> str:
+    """Return unrounded numbers as JSON; null for those that are not known."""
+    content = [
+        {
+            "name": table.name,
+            "title": table.title,
+            "columns": {column.key: vars(column) for column in table.columns},
+            "rows": [_record(table, method) for method in table.methods],
+            "best": sorted(table.best),
+            "notes": table.notes,
+        }
+        for table in tables
     ]
+    return json.dumps(content, indent=2, ensure_ascii=False)
+
+
+def _record(table: Table, method: MethodScores) -> dict[str, Any]:
+    """Return the numbers of a method."""
+    record: dict[str, Any] = {
+        "method": method.label,
+        "privileged_inputs": method.marks,
+        "clips": method.num_clips,
+        "protocol": method.protocol,
+        "values": {},
+    }
+    for column in table.columns:
+        numbers = dict(vars(method.scores.get(column.key) or Score(math.nan)))
+        del numbers["values"]
+        known = {name: None if math.isnan(x) else x for name, x in numbers.items()}
+        record["values"][column.key] = known
+    return record
+
+
+def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
+    """Write a page of the documentation; what stands below "## Notes" on the old page stays."""
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    _, heading, notes = before.partition("## Notes\n")
+    written = f"Written on {datetime.date.today().isoformat()} by {origin}."
+    lines = [f"# {title}", "", "```sh", *commands, "```", "", written, "", text.rstrip(), ""]
+    write_bytes(path, "\n".join([*lines, heading + notes]).encode())
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}

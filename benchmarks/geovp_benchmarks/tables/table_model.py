@@ -1,259 +1,197 @@
-"""What a table holds: columns, and rows with a value a clip; those chosen, those that are the best
-or differ.
-"""
+"""The model of a table: methods, columns, and the mean of each method in each column."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Self
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
-from geovp_benchmarks.analysis.intervals import Interval
-from geovp_benchmarks.analysis.statistics import Estimate
-from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.score_names import Bounds
 from geovp_benchmarks.results.store import Method
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
-from geovp_classic.types import BoolArray, FloatArray, IntArray
+from geovp_classic.types import FloatArray
 
-SIGNIFICANT = 0.05
-MIN_EFFECTIVE = 8.0  # clips, below which no value is in bold
 Spread = Literal["interval", "standard-error"]
 
 
 @dataclass(frozen=True)
 class Column:
-    """One metric over one set of pixels."""
+    """One metric over one set of pixels, number of samples or horizon."""
 
-    key: str  # "psnr", "psnr@covered"
+    key: str  # "psnr", "psnr@covered", "psnr of 5"
     heading: str
-    higher_is_better: bool | None  # None: neither, so that no value is the best
+    higher_is_better: bool | None  # None: neither, so that no value is in bold
     decimals: int
-    unavailable: bool = False
+    is_unavailable: bool = False
+
+
+@dataclass(frozen=True)
+class Score:
+    """The mean of a method in one column over clips, and its 95 % interval."""
+
+    mean: float
+    low: float = float("nan")
+    high: float = float("nan")
+    standard_error: float = float("nan")  # as if clips were independent
+    clips: int = 0  # that have a value
+    effective_clips: float = 0.0
+    # [N] by clip, each a mean over steps; empty for a published score
+    values: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of(
+        cls, values: FloatArray, clips: Sequence[str], bounds: Bounds, level: float = 0.95
+    ) -> Self:
+        """Return the mean of values [N]; NaN is left out."""
+        sequences = intervals.sequences_of(clips)
+        interval = intervals.interval(values, sequences, level, bounds=bounds)
+        error, count = statistics.over_clips(values).error, int(np.isfinite(values).sum())
+        ends = interval.low, interval.high
+        return cls(interval.mean, *ends, float(error), count, interval.effective, values)
+
+    @property
+    def is_exact(self) -> bool:
+        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
+        return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
+
+    @property
+    def has_few_clips(self) -> bool:
+        """Return whether the effective clips are too few to rely on the interval."""
+        return self.effective_clips < 8
 
 
 @dataclass(frozen=True)
 class MethodScores:
-    """Scores of one method."""
+    """The scores of a method, or of its best samples."""
 
-    name: str
-    marks: str
-    num_clips: int
-    complete: bool  # scored on all clips; only such rows compete for the best
-    # its samples were chosen by comparing with the real future; such rows compete with each other
-    by_truth: bool
-    values: Mapping[
-        str, FloatArray
-    ]  # by column: a clip's mean over its steps [N], NaN where there is none
-    estimates: Mapping[str, Estimate]  # by column
-    intervals: Mapping[str, Interval]  # by column
-    protocol: str = ""  # the id of what it was computed under
-
-    def has_no_error(self, key: str) -> bool:
-        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
-        values = self.values.get(key, np.array([np.nan]))
-        return bool(np.isfinite(values).any() and np.nanmax(np.abs(values)) < 1e-6)
-
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        marks: str,
-        values: Mapping[str, FloatArray],
-        clips: Sequence[str],
-        scored: BoolArray,  # [N], which clips the row has
-        by_truth: bool = False,
-        protocol: str = "",
-        bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
-        level: float = 0.95,
-    ) -> Self:
-        """Return the scores with their estimates."""
-        sequences, ends = intervals.sequences_of(clips), bounds or {}
-        found = {
-            key: intervals.interval(one, sequences, level, bounds=ends.get(key, UNBOUNDED))
-            for key, one in values.items()
-        }
-        return cls(
-            name,
-            marks,
-            int(scored.sum()),
-            bool(scored.all()),
-            by_truth,
-            values,
-            {key: statistics.over_clips(one) for key, one in values.items()},
-            found,
-            protocol,
-        )
+    label: str
+    scores: Mapping[str, Score]  # by column, where there is a value
+    marks: str = ""  # of privileged inputs
+    num_clips: int = 0  # only methods with scores on all clips compete
+    is_oracle_selected: bool = False  # by the real future; such methods compete with each other
+    protocol: str = ""  # the id of the protocol that it was computed under
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and rows with the notes that explain them."""
+    """Methods and columns with the notes that explain them."""
 
     name: str  # of the files
     title: str
-    columns: tuple[Column, ...]
-    rows: tuple[MethodScores, ...]
-    notes: tuple[str, ...]
-    best: frozenset[tuple[str, str]]  # (row, column) in bold
+    columns: Sequence[Column]
+    methods: Sequence[MethodScores]
+    notes: Sequence[str] = ()
+    best: Collection[tuple[str, str]] = ()  # (method, column) in bold
     spread: Spread = "interval"
-    starred: frozenset[tuple[str, str]] | None = None  # of a table of differences: significant ones
+    starred: Collection[tuple[str, str]] | None = None  # significant ones of a table of differences
     caption: str = ""  # in LaTeX; "": the title
     label: str = ""  # in LaTeX; "": after the name
 
-    def is_best(self, row: MethodScores, column: Column) -> bool:
-        """Return whether the value is printed in bold."""
-        return (row.name, column.key) in self.best
+    def clips(self, method: MethodScores) -> str:
+        """Return the number of clips, and the effective one in the first column if smaller."""
+        score = method.scores.get(self.columns[0].key) if self.columns else None
+        if score is None or score.effective_clips >= method.num_clips - 0.5:
+            return str(method.num_clips or "-")
+        return f"{method.num_clips} ({score.effective_clips:.0f})"
 
-    def clips(self, row: MethodScores) -> str:
-        """Return the number of clips and, if smaller, the effective sample size in column 1."""
-        found = row.intervals.get(self.columns[0].key) if self.columns else None
-        fewer = found is not None and found.effective < row.num_clips - 0.5
-        worth = f" ({found.effective:.0f})" if found is not None and fewer else ""
-        return f"{row.num_clips}{worth}"
-
-    def texts(self, row: MethodScores, column: Column) -> tuple[str, str]:
+    def texts(self, method: MethodScores, column: Column, bold: str = "{}") -> tuple[str, str]:
         """Return the mean, and the interval or standard error with a differing number of clips."""
-        estimate = row.estimates.get(column.key)
-        if estimate is None or int(estimate.count) == 0:
-            return "unavailable" if column.unavailable else "-", ""
-        digits, found = column.decimals, row.intervals[column.key]
-        error = f" ± {float(estimate.error):.{digits}f}" if np.isfinite(estimate.error) else ""
-        if self.spread == "interval":
-            error = (
-                f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
-                if np.isfinite(found.low)
-                else ""
-            )
-        star = "*" if self.starred is not None and (row.name, column.key) in self.starred else ""
-        count = f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
-        sign = "" if self.starred is None else "+"
-        return f"{float(estimate.mean):{sign}.{digits}f}{star}", error + count
+        score, digits = method.scores.get(column.key), column.decimals
+        if score is None or np.isnan(score.mean):
+            return "unavailable" if column.is_unavailable else "-", ""
+        place = (method.label, column.key)
+        mean = f"{score.mean:{'' if self.starred is None else '+'}.{digits}f}"
+        if self.starred is not None and place in self.starred:
+            mean += "*"
+        if place in self.best:
+            mean = bold.format(mean)
+        error = ""
+        if self.spread == "interval" and np.isfinite(score.low):
+            error = f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
+        if self.spread == "standard-error" and np.isfinite(score.standard_error):
+            error = f" ± {score.standard_error:.{digits}f}"
+        return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
+
+
+T = TypeVar("T", Method, MethodScores)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Rows and columns in the order asked for; all, as the matrix has them, where none
-    are named.
-    """
+    """The methods and columns asked for, in that order; all of them where none are named."""
 
-    methods: tuple[
-        str, ...
-    ] = ()  # rows as tables name them; a method's name stands for all of its rows
-    metrics: tuple[str, ...] = ()  # columns: "psnr", "psnr@covered", "coverage"
+    methods: Sequence[str] = ()  # the name of a method stands for all reductions of its samples
+    metrics: Sequence[str] = ()  # columns: "psnr", "psnr@covered", "coverage"
 
-    def select(self, methods: Sequence[Method]) -> list[Method]:
-        """Return the methods of the chosen rows; BadData when a name is none of theirs."""
-        found = {}
+    def select(self, methods: Sequence[T]) -> list[T]:
+        """Return the methods that are named; raise BadData for an unknown name."""
+        selected = {} if self.methods else {method.label: method for method in methods}
         for name in self.methods:
-            own = [method for method in methods if _is_of(name, method.label)]
-            if not own:
-                raise BadData(
-                    f"no method is called {name!r}"
-                    f"{nearest(name, (method.label for method in methods))}"
-                )
-            found.update({method.name: method for method in own})
-        return [*found.values()] if self.methods else list(methods)
-
-    def rows(self, rows: Sequence[MethodScores]) -> list[MethodScores]:
-        """Return the chosen ones of the chosen methods' rows, each once; BadData when a name is
-        none of theirs.
-        """
-        if not self.methods:
-            return list(rows)
-        found = {}
-        for name in self.methods:
-            found.update(
-                {row.name: row for row in rows if row.name == name or _is_of(row.name, name)}
-            )
-        if not found:
-            known = ", ".join(row.name for row in rows) or "none: see below the table why"
-            raise BadData(
-                f"--methods {', '.join(self.methods)}: no such method; known with scores are "
-                f"{known}"
-            )
-        return [*found.values()]
+            named = {method.label: method for method in methods if _is_same(name, method.label)}
+            if not named:
+                labels = [method.label for method in methods]
+                raise BadData(f"no method is called {name!r}{nearest(name, labels)}")
+            selected |= named
+        return list(selected.values())
 
     def columns(self, metrics: Iterable[str], keys: Iterable[str]) -> list[str]:
-        """Return the chosen columns, none where all are meant; BadData for an unknown name."""
-        known = [*dict.fromkeys([*metrics, *keys])]
+        """Return the columns that are named; raise BadData for an unknown name."""
+        known = [*metrics, *keys]
         for name in self.metrics:
             if name not in known:
                 raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
-        return [*dict.fromkeys(self.metrics)]
+        return list(self.metrics)
 
-    def including(self, row: str) -> Self:
-        """Return the choice with a row that others are compared with."""
-        return replace(self, methods=(row, *self.methods)) if self.methods else self
+    def including(self, method: str) -> Self:
+        """Return the choice with a method that others are compared with."""
+        return replace(self, methods=(method, *self.methods)) if self.methods else self
 
 
 EVERYTHING = Choice()
 
 
-def _is_of(name: str, label: str) -> bool:
-    """Return whether a row's name is a method's label, or that with how its samples were
-    reduced behind.
-    """
-    return name == label or name.startswith(f"{label}, ")
-
-
-def different(rows: Sequence[MethodScores], column: Column) -> list[MethodScores]:
-    """Return the rows of differences with an interval in a column that excludes zero."""
-    return [
-        row
-        for row in rows
-        if column.key in row.intervals and row.intervals[column.key].excludes_zero
-    ]
+def _is_same(name: str, label: str) -> bool:
+    """Return whether names are equal but for the reduction of samples: "a" and "a, best of 2"."""
+    return f"{name}, ".startswith(f"{label}, ") or f"{label}, ".startswith(f"{name}, ")
 
 
 def best(
-    rows: Sequence[MethodScores], columns: Sequence[Column], clips: Sequence[str]
-) -> frozenset[tuple[str, str]]:
-    """Return (row, column) where no method with the same or fewer inputs is significantly better.
+    methods: Sequence[MethodScores], columns: Sequence[Column], clips: Sequence[str]
+) -> set[tuple[str, str]]:
+    """Return (method, column) where no method with the same or fewer inputs is better.
 
-    A row without a rival is not marked, nor one that, like a rival with a better mean, has less
-    than `MIN_EFFECTIVE` effective clips.
+    A method without such a rival is not in bold, nor is one where there are too few clips to tell.
     """
-    sequences = intervals.sequences_of(clips)
-    marked: set[tuple[str, str]] = set()
+    bold = set()
     for column in columns:
-        if column.higher_is_better is None:
-            continue
-        scored = [row for row in rows if row.complete and _has_mean(row, column.key)]
-        for row in scored:
-            rivals = [other for other in scored if other is not row and _may_rival(other, row)]
-            if rivals and not _is_beaten(row, rivals, column, sequences):
-                marked.add((row.name, column.key))
-    return frozenset(marked)
+        key, sign = column.key, 1.0 if column.higher_is_better else -1.0
+        scored = [m for m in methods if len(clips) == m.num_clips and key in m.scores]
+        for method in scored if column.higher_is_better is not None else ():
+            rivals = [
+                rival.scores[key]
+                for rival in scored
+                if rival is not method
+                and set(rival.marks) <= set(method.marks)
+                and rival.is_oracle_selected == method.is_oracle_selected
+            ]
+            if rivals and not _is_beaten(method.scores[key], rivals, sign, clips):
+                bold.add((method.label, key))
+    return bold
 
 
-def _has_mean(row: MethodScores, key: str) -> bool:
-    return key in row.values and bool(np.isfinite(row.estimates[key].mean))
-
-
-def _may_rival(other: MethodScores, row: MethodScores) -> bool:
-    """Return whether a method has no privileged input that the row lacks."""
-    return set(other.marks) <= set(row.marks) and other.by_truth == row.by_truth
-
-
-def _is_beaten(
-    row: MethodScores, rivals: Sequence[MethodScores], column: Column, sequences: IntArray
-) -> bool:
+def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequence[str]) -> bool:
     """Return whether a rival is better, p < .05 after Bonferroni's correction for better means.
 
-    Too few effective clips count as beaten.
+    Too few effective clips count as beaten. `sign` is -1 where a lower value is better.
     """
-    sign = 1.0 if column.higher_is_better else -1.0
-    key = column.key
-    mean = sign * float(row.estimates[key].mean)
-    better = [rival for rival in rivals if sign * float(rival.estimates[key].mean) > mean]
-    if not column.higher_is_better and any(rival.has_no_error(key) for rival in better):
-        return True  # a positive error is worse than none, which needs no test
-    if any(method.intervals[key].effective < MIN_EFFECTIVE for method in (row, *better)):
+    better = [rival for rival in rivals if sign * rival.mean > sign * score.mean]
+    better.sort(key=lambda rival: -sign * rival.mean)
+    if any(tested.has_few_clips for tested in (score, *better)):
         return True
-    for rival in sorted(better, key=lambda rival: -sign * float(rival.estimates[key].mean)):
-        gap = sign * (rival.values[key] - row.values[key])
-        if intervals.interval(gap, sequences).p_zero * len(better) < SIGNIFICANT:
-            return True
-    return False
+    if sign < 0 and any(rival.is_exact for rival in better):
+        return True  # a positive error is worse than none, which needs no test
+    sequences = intervals.sequences_of(clips)
+    gaps = (intervals.interval(rival.values - score.values, sequences) for rival in better)
+    return any(gap.p_zero * len(better) < 0.05 for gap in gaps)

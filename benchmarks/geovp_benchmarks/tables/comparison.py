@@ -1,0 +1,91 @@
+"""Why the numbers of two results folders, or of two methods, differ."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from geovp_benchmarks.results.score_names import UNBOUNDED
+from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.results.stored_facts import title
+from geovp_benchmarks.tables.scores import method_scores
+from geovp_benchmarks.tables.table_model import Choice, Score
+from geovp_classic.errors import BadData
+
+
+def compare(a: Results, b: Results, name_a: str = "", name_b: str = "") -> Iterator[str]:
+    """Yield what differs between two folders, then between methods, and their paired differences.
+
+    Without names, all methods with the same label are compared.
+    """
+    names = [(name_a or name_b, name_b or name_a)]
+    if not any(names[0]):
+        labels = [method.label for method in b.methods()]
+        names = [(method.label,) * 2 for method in a.methods() if method.label in labels]
+    if not names:
+        raise BadData(f"{a.root} and {b.root} share no method: name them as DIR:METHOD")
+    shared = list(_differences(_protocol(a), _protocol(b)))
+    yield from shared
+    for name, other_name in names:
+        method = Choice((name,)).select(a.methods())[0]
+        other = Choice((other_name,)).select(b.methods())[0]
+        yield f"\n{name}" if name == other_name else f"\n{name} (A), {other_name} (B)"
+        lines = list(_differences(_facts(a, method), _facts(b, other)))
+        yield from lines if lines or shared else ["Nothing differs that is stored."]
+        yield from _paired_differences(a, b, method, other)
+
+
+def _protocol(results: Results) -> dict[str, Any]:
+    """Return what a folder stores about all methods."""
+    skipped = ("name", "methods", "fingerprint", "kept")
+    protocol = {key: value for key, value in results.protocol().items() if key not in skipped}
+    return {**protocol, "clips": dict.fromkeys(protocol["clips"], "present")}
+
+
+def _facts(results: Results, method: Method) -> dict[str, Any]:
+    """Return what is stored about a method and decides its scores."""
+    parts = results.parts(method.name)
+    return {
+        "status": method.status,
+        "samples": method.num_samples,
+        "privileged inputs": method.privileged_inputs,
+        "components": method.components,
+        "weights": method.record.get("about", []),
+        "code": sorted({part.code for part in parts}),
+        "metrics": {name: spec for part in parts for name, spec in part.metrics.items()},
+        "failures, scored as copies of the last frame": results.failures(method.name),
+    }
+
+
+def _differences(
+    a: Mapping[str, Any], b: Mapping[str, Any], prefix: str = "", max_lines: int = 20
+) -> Iterator[str]:
+    """Yield what differs between nested settings, by dotted keys."""
+    different = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
+    for key in different[:max_lines]:
+        value, other = a.get(key), b.get(key)
+        if isinstance(value, Mapping) and isinstance(other, Mapping):
+            yield from _differences(value, other, f"{prefix}{key}.")
+        else:
+            texts = [json.dumps(side, ensure_ascii=False) for side in (value, other)]
+            yield f"{prefix}{key}: {texts[0]} in A, {texts[1]} in B."
+    if len(different) > max_lines:
+        yield f"{prefix}: {len(different) - max_lines} more differences."
+
+
+def _paired_differences(a: Results, b: Results, method: Method, other: Method) -> Iterator[str]:
+    """Yield the means of each metric, and the mean difference over common clips."""
+    clips, clips_b = a.protocol()["clips"], b.protocol()["clips"]
+    common = [clip for clip in clips if clip in clips_b]
+    scores, scores_b = method_scores(a, method)[0].scores, method_scores(b, other)[0].scores
+    for key in (key for key in scores if key in scores_b and "@" not in key):
+        values = dict(zip(clips, scores[key].values, strict=True))
+        values_b = dict(zip(clips_b, scores_b[key].values, strict=True))
+        gaps = [values[clip] - values_b[clip] for clip in common]
+        gap = Score.of(np.array(gaps), common, UNBOUNDED)
+        yield (
+            f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
+            f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "
+            f"clips: {gap.mean:+.4g} [{gap.low:+.4g}, {gap.high:+.4g}]."
+        )

@@ -1,0 +1,102 @@
+"""Stored scores in the layout of a paper's table, and the published numbers in a second table.
+
+Files of the folder `published` declare the published rows, and the methods that reproduce them; the
+paper's protocol declares metrics and horizons.
+"""
+
+import fnmatch
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.stored_facts import MARKS, title
+from geovp_benchmarks.tables.scores import method_scores
+from geovp_benchmarks.tables.table_model import EVERYTHING, MethodScores, Score, Table
+from geovp_benchmarks.tables.tables import explained, method_notes, table_of
+from geovp_classic.errors import BadData
+
+
+def build(results: Results, name: str) -> list[Table]:
+    """Return the table of stored scores, and the published one."""
+    paper, protocol, shared = load(name), protocols.load(name), results.protocol()
+    suffixes = [f" t+{k}" for k in protocol.horizons] or [""]
+    headings = {
+        metric + suffix: title(metric) + suffix
+        for metric in protocol.metrics
+        for suffix in suffixes
+    }
+    methods = _measured(results, paper["row"], protocol.horizons)
+    ours = table_of(name, "measured here", headings, methods, shared)
+    columns = [replace(column, decimals=paper["decimals"]) for column in ours.columns]
+    ours = replace(ours, columns=columns, spread="standard-error")
+    notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
+    if protocol.num_clips not in (None, len(shared["clips"])):
+        notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
+    notes += method_notes(results, EVERYTHING, strict=False)
+    return [
+        explained(ours, shared, notes),
+        Table(
+            f"{name}-published",
+            "Published, not measured here",
+            columns,
+            [_published(row, protocol.metrics, suffixes) for row in paper["row"]],
+            [f"{paper['source']}: {paper['about']}."],
+            {(row["name"], metric) for row in paper["row"] for metric in row.get("bold", ())},
+            "standard-error",
+        ),
+    ]
+
+
+def load(name: str) -> Mapping[str, Any]:
+    """Return the declaration of a paper's table; raise BadData for an unknown name."""
+    folder = Path(__file__).parents[1] / "published"
+    names = [path.stem for path in sorted(folder.glob("*.toml"))]
+    if name not in names:
+        raise BadData(f"no published table is called {name!r}: give one of {', '.join(names)}")
+    return tomllib.loads((folder / f"{name}.toml").read_text("utf-8"))
+
+
+def figures(name: str, drawn: Sequence[str]) -> Iterator[str]:
+    """Yield each figure of a paper with the files, among those drawn, that show the same."""
+    for number, (words, pattern) in load(name).get("figures", {}).items():
+        files = ", ".join(sorted(fnmatch.filter(drawn, pattern)))
+        yield f"figure {number} ({words}): {files or 'nothing to draw it from'}"
+
+
+def _measured(
+    results: Results, rows: Sequence[Mapping[str, Any]], horizons: Sequence[int]
+) -> list[MethodScores]:
+    """Return the methods that stand for published rows, in their order, then all others.
+
+    Of several samples the best counts for each metric, as in the papers.
+    """
+    names = {row["method"]: row["name"] for row in rows if "method" in row}
+    places = {label: place for place, label in enumerate(names)}
+    methods = [method for method in results.methods() if method.num_clips]
+    methods.sort(key=lambda method: places.get(method.label, len(places)))
+    measured = []
+    for method in methods:
+        scores = method_scores(results, method, horizons=horizons)[:2][-1]
+        name = names.get(method.label, scores.label)
+        label = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
+        measured.append(replace(scores, label=label, is_oracle_selected=False))
+    return measured
+
+
+def _published(
+    row: Mapping[str, Any], metrics: Iterable[str], suffixes: Sequence[str]
+) -> MethodScores:
+    """Return a published row; a score is a list of the mean and, if given, the standard error."""
+    scores = {}
+    for metric in metrics:
+        for suffix, numbers in zip(suffixes, row.get(metric, ()), strict=False):
+            mean, error = [*numbers, math.nan][:2]
+            scores[metric + suffix] = Score(mean, standard_error=error)
+    marks = (MARKS[name][0] for name in row.get("privileged_inputs", ()))
+    return MethodScores(row["name"], scores, "".join(marks))
