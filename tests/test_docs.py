@@ -32,7 +32,7 @@ from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import Failure
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.running import multiple_datasets
-from geovp_benchmarks.running.built_matrix import build_matrix
+from geovp_benchmarks.running.task import build_matrix
 from geovp_classic import registry
 
 ROOT = Path(__file__).resolve().parents[1]

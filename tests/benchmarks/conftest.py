@@ -9,7 +9,7 @@ import pytest
 
 import studies
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.running import built_matrix
+from geovp_benchmarks.running import task
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
@@ -99,10 +99,10 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder that has to be on the path for the toys to be found, already on ours."""
     monkeypatch.syspath_prepend(str(TOYS))
     registry._entry_points.cache_clear()
-    built_matrix.build_matrix.cache_clear()
+    task.build_matrix.cache_clear()
     yield TOYS
     registry._entry_points.cache_clear()
-    built_matrix.build_matrix.cache_clear()
+    task.build_matrix.cache_clear()
 
 
 @pytest.fixture(scope="session")

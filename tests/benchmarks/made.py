@@ -15,7 +15,7 @@ from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.results.store import Method, Part, Results, Rows
 from geovp_benchmarks.running.executors import Executor, Serial
-from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
 from geovp_classic.types import ByteArray, Intrinsics
 

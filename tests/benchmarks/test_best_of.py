@@ -12,9 +12,9 @@ from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.executors import Serial
-from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
-from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.table_model import MethodScores
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
@@ -111,6 +111,6 @@ def test_many_samples_are_scored_in_little_more_memory_than_few(
 
     samples = np.stack([np.full_like(clip.frames[6:], level) for level in range(12)])
     metrics = Metrics({"watched": Watched()}, {})  # type: ignore[dict-item]
-    score(ScoringContext(clip, 6), Prediction(samples), metrics)
+    score(ScoredClip(clip, 6), Prediction(samples), metrics)
     assert sorted(set(scored)) == list(range(12))
     assert released == [3, 8]  # the last sample before each

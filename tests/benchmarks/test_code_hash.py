@@ -17,9 +17,9 @@ from geovp_benchmarks.matrix import components
 from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running import built_matrix
+from geovp_benchmarks.running import task
 from geovp_benchmarks.running.executors import Serial
-from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
 from geovp_benchmarks.tables import tables
 from geovp_classic.predictors.copy_last import CopyLast
@@ -49,7 +49,7 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Pretends that the sources have changed."""
 
     def changed(code: str) -> None:
-        monkeypatch.setattr(built_matrix, "code_hash", lambda _: code)
+        monkeypatch.setattr(task, "code_hash", lambda _: code)
 
     return changed
 

@@ -100,8 +100,8 @@ class TestDryRun:
     ) -> None:
         text = printed(*run(tmp_path, "--dry-run"))
         assert re.search(r"^steady [+] slide +5 +0 +\d", text, re.MULTILINE)
-        assert "predictions: 10 to do, 0 kept" in text  # 5 clips in 2 rows
-        assert "2 by one clip timed just now" in text
+        assert "predictions: 10 to do, 0 stored" in text  # 5 clips, 2 methods
+        assert "methods timed on one clip just now: 2" in text
         assert not (tmp_path / "out").exists()
 
     def test_after_a_run_of_some_clips_its_times_are_used(
@@ -110,8 +110,8 @@ class TestDryRun:
         printed(*run(tmp_path, "--limit", "2"))  # as many as a part holds
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
         text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
-        assert "predictions: 11 to do, 4 kept" in text  # 3 clips in 2 rows, 5 in the new one
-        assert "2 rows by the times stored with their clips, 0 by one clip" in text
+        assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
+        assert "methods timed on one clip just now: 1" in text
         assert re.search(r"^other +5 +0 +skipped: ", text, re.MULTILINE)
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
@@ -135,7 +135,7 @@ class TestAmounts:
         assert "Traceback" not in command(*run(tmp_path, other="toy-broken")).err
         said = command(*run(tmp_path, "-v", "--fresh", other="toy-broken")).err
         assert "ZeroDivisionError: the road ended" in said.partition("Traceback")[2]
-        assert "clips road/000, road/001: done" in said
+        assert "clip road/000: done" in said
 
 
 @pytest.mark.usefixtures("toys")

@@ -123,7 +123,7 @@ def test_labels_are_names_or_given() -> None:
     assert {label: one.name for label, one in found.items()} == {"a": "m/a", "b": "m/b"}
     assert found["b"].dataset == {**synthetic, "seed": 1}
     assert list(multiple_datasets.parse("m", content(datasets=[synthetic]))) == ["synthetic"]
-    assert list(multiple_datasets.parse("m", content(dataset=synthetic))) == [multiple_datasets.ONE]
+    assert list(multiple_datasets.parse("m", content(dataset=synthetic))) == [""]
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_labels_are_names_or_given() -> None:
             None,
             "datasets.a/b is 'a/b', expected .* a folder's name",
         ),
-        ({"datasets": ["synthetic"]}, Path("/data"), "--root replaces the root of one data set"),
+        ({"datasets": ["synthetic"]}, Path("/data"), "and replaces protocol.dataset and --root"),
         (
             {"datasets": {"a": {"name": "tum", "root": "/no"}}},
             None,

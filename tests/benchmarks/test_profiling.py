@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.running import profiling
-from geovp_benchmarks.running.built_matrix import Cache
-from geovp_benchmarks.running.profiling import StageProfiler
+from geovp_benchmarks.running.profiling import Usage
+from geovp_benchmarks.running.task import SharedSteps
 
 LARGE_MB = 300
 on_linux = pytest.mark.skipif(
@@ -34,16 +34,13 @@ def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> 
 
 
 @on_linux
-def test_a_cached_result_keeps_its_peak_and_metrics_are_left_out() -> None:
-    cache, profilers = Cache(), (StageProfiler(), StageProfiler(), StageProfiler())
-    for profiler in profilers[:2]:
-        cache.get_or_compute("scene", lambda: hold(LARGE_MB), profiler, "reconstruct")
-    with profilers[2].measure("metrics"):
-        hold(LARGE_MB)
-    for profiler in profilers:
-        with profiler.measure("view"):
+def test_a_shared_step_keeps_its_peak() -> None:
+    shared, usages = SharedSteps(), (Usage(), Usage(), Usage())
+    for usage in usages[:2]:
+        shared.get(lambda: hold(LARGE_MB), usage, "reconstruct")
+    for usage in usages:
+        with usage.measure("view"):
             hold(1)
-    first, second, third = (profiler.peak_without("metrics") for profiler in profilers)
+    first, second, third = (usage.peak_mb for usage in usages)
     assert first == pytest.approx(second, abs=20)  # made for the first, charged to both
     assert second - third == pytest.approx(LARGE_MB - 1, abs=20)
-    assert profilers[2].peaks_mb["metrics"] - third == pytest.approx(LARGE_MB - 1, abs=20)

@@ -9,7 +9,7 @@ import pytest
 from geovp_benchmarks.matrix.components import nested, weights_of
 from geovp_benchmarks.results.provenance import id_notes, protocol_id
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running.rescoring import rescore, stored_metrics
+from geovp_benchmarks.running.rescore import rescore, stored_metrics
 from geovp_benchmarks.tables import formats, tables
 from tests.benchmarks.made import STILL, content, go
 

@@ -148,8 +148,7 @@ HOLD = """
 import sys, time
 from pathlib import Path
 from geovp_benchmarks.running import locking
-with locking.results_lock(Path(sys.argv[1])) as claim:
-    claim("one protocol")
+with locking.results_lock(Path(sys.argv[1]), "one protocol"):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -162,20 +161,20 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
     try:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
-        with locking.results_lock(tmp_path) as claim:
-            claim("one protocol")  # joins
+        with locking.results_lock(tmp_path, "one protocol"):
+            pass  # joins
         with (
-            locking.results_lock(tmp_path) as claim,
             pytest.raises(
                 BadData, match=rf"in use by process {other.pid} on .* with another protocol"
             ),
+            locking.results_lock(tmp_path, "another"),
         ):
-            claim("another")
+            pytest.fail("two protocols fill a folder")
     finally:
         other.kill()
         other.wait()
-    with locking.results_lock(tmp_path) as claim:
-        claim("another")  # the lock ended with its process
+    with locking.results_lock(tmp_path, "another"):
+        pass  # the lock ended with its process
 
 
 def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
@@ -187,8 +186,8 @@ def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"half")
     (tmp_path / f".folder.{ended.pid}.part").mkdir()
-    with locking.results_lock(tmp_path) as claim:
-        claim("a protocol")
+    with locking.results_lock(tmp_path, "a protocol"):
+        pass
     assert sorted(path.name for path in tmp_path.rglob(".*.part")) == [living.name]
 
 

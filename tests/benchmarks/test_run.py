@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running import built_matrix
-from geovp_benchmarks.running.built_matrix import BuiltMatrix
 from geovp_benchmarks.running.executors import Processes
+from geovp_benchmarks.running.task import BuiltMatrix
 from geovp_benchmarks.tables import tables
 from geovp_classic.errors import BadData, GeovpError
 from tests.benchmarks.made import STILL, content, crossed, go, rows, values
@@ -169,13 +168,13 @@ class TestAgain:
         assert len(Results(tmp_path).clip("road/000").frames) == 5
         assert len(log.read_text().split()) == 3 * tried
 
-    def test_another_stride_and_clips_per_task_recompute_nothing(self, tmp_path: Path) -> None:
+    def test_another_stride_recomputes_nothing(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
         go(tmp_path, tables)
         before = rows(tmp_path, "still")
         tables["protocol"]["stride"] = 2
-        go(tmp_path, tables, clips_per_task=3)
+        go(tmp_path, tables)
         assert rows(tmp_path, "still") == before
         assert len(log.read_text().split()) == 5
 
@@ -184,10 +183,10 @@ class TestAgain:
     ) -> None:
         log = tmp_path / "log"
         tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        names = BuiltMatrix.clip_names
         with monkeypatch.context() as patched:  # as if the first clip were not there yet
-            patched.setattr(BuiltMatrix, "clip_names", lambda *args: names(*args)[1:])
-            patched.setattr(built_matrix, "_clip", lambda built, i, name: built.dataset[i + 1])
+            names = property(lambda built: built.dataset.clip_names[1:])
+            patched.setattr(BuiltMatrix, "clip_names", names)
+            patched.setattr(BuiltMatrix, "clip", lambda built, i, name: built.dataset[i + 1])
             go(tmp_path, tables, keep=0)
         assert len(rows(tmp_path, "still")) == 4 * 2
         go(tmp_path, tables, keep=0)

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Rows
 from geovp_benchmarks.results.stored_facts import title
-from geovp_benchmarks.running.metric_set import MetricSet
-from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr
@@ -80,7 +79,7 @@ def values(rows: Rows, metric: str, sample: int = 0) -> list[float]:
 
 def test_every_sample_is_stabilised_by_its_own_rotation() -> None:
     clip = drive()
-    rows = score(ScoringContext(clip, PAST), predicted(clip, 0.0, 1.0, -0.4), METRICS)
+    rows = score(ScoredClip(clip, PAST), predicted(clip, 0.0, 1.0, -0.4), METRICS)
     assert values(rows, "psnr", 0) == values(rows, "psnr-stabilised", 0) == [100.0] * FUTURE
     # stripes of amplitude 100 that are off by 1 / 7 and .4 / 7 of a period differ by 2 * 100 sin(pi
     # / 7) cos(...):
@@ -92,7 +91,7 @@ def test_every_sample_is_stabilised_by_its_own_rotation() -> None:
 
 
 def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
-    clip, context = drive(), ScoringContext(drive(), PAST)
+    clip, context = drive(), ScoredClip(drive(), PAST)
     right = predicted(clip, 1.0)
     lying = replace(right, motion=predicted(clip, 0.0).motion)
     honest, false = (score(context, each, METRICS) for each in (right, lying))
@@ -103,12 +102,12 @@ def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
 def test_a_row_without_a_camera_has_no_stabilised_score() -> None:
     clip = drive()
     still = Prediction(np.tile(clip.frames[PAST - 1], (1, FUTURE, 1, 1, 1)))
-    rows = score(ScoringContext(clip, PAST), still, METRICS)
+    rows = score(ScoredClip(clip, PAST), still, METRICS)
     assert rows.metric.categories == ("psnr",)
     unknown = replace(clip, trajectory=None)
-    assert score(
-        ScoringContext(unknown, PAST), predicted(clip, 1.0), METRICS
-    ).metric.categories == ("psnr",)
+    assert score(ScoredClip(unknown, PAST), predicted(clip, 1.0), METRICS).metric.categories == (
+        "psnr",
+    )
 
 
 def content(**metrics: Any) -> dict[str, Any]:
@@ -126,7 +125,7 @@ def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
     frame = {"psnr": {"name": "psnr", "ceiling_db": 60.0}, "ssim": {"name": "ssim"}}
     parsed = schema.parse("m", content(frame=frame, stabilised=["psnr"]))
     assert list(parsed.frame_metrics) == ["psnr", "ssim", "psnr-stabilised"]
-    built = MetricSet.build(parsed.frame_metrics, {}).built["psnr-stabilised"]
+    built = Metrics.build(parsed.frame_metrics, {}, (32, 32)).frame["psnr-stabilised"]
     assert built == Stabilised(Psnr(ceiling_db=60.0))
     assert title("psnr-stabilised") == "PSNR, stabilised"
 
@@ -202,7 +201,7 @@ def halves(samples: int, sideways_m: Sequence[float] | None = None) -> Predictio
 
 @pytest.mark.parametrize("metric", [Brightness(), Masked()])
 def test_every_set_of_pixels_has_a_column_and_every_step_a_row(metric: Brightness) -> None:
-    rows = score(ScoringContext(standing(), PAST), halves(2), Metrics({"grey": metric}, {}))
+    rows = score(ScoredClip(standing(), PAST), halves(2), Metrics({"grey": metric}, {}))
     base = {"grey": 60, "grey@covered": 110, "grey@moving": 90, "grey@static": 50, "grey@seen": 50}
     for sample in (0, 1):
         for name, value in base.items():
@@ -217,7 +216,7 @@ def test_every_set_of_pixels_has_a_column_and_every_step_a_row(metric: Brightnes
 
 
 def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
-    facts = ScoringContext(standing(), PAST).facts
+    facts = ScoredClip(standing(), PAST).facts
     assert (facts["moving"], facts["static"], facts["seen"], facts["disoccluded"]) == (
         0.25,
         0.75,
@@ -228,7 +227,7 @@ def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
 
 
 def test_equal_images_are_scored_once_unless_other_pixels_are_covered() -> None:
-    metric, context = Masked(), ScoringContext(standing(), PAST)
+    metric, context = Masked(), ScoredClip(standing(), PAST)
     for prediction, asked in (
         (halves(2), 2),
         (halves(2), 2),
@@ -245,7 +244,7 @@ def test_every_sample_has_its_future_or_all_share_one(
     sideways_m: list[float], expected: list[float]
 ) -> None:
     metrics = Metrics({}, {"off": TranslationError()})
-    rows = score(ScoringContext(standing(), PAST), halves(3, sideways_m), metrics)
+    rows = score(ScoredClip(standing(), PAST), halves(3, sideways_m), metrics)
     for sample, distance_m in enumerate(expected):
         np.testing.assert_allclose(values(rows, "off", sample), [distance_m] * FUTURE, atol=1e-12)
         np.testing.assert_array_equal(values(rows, "confidence", sample), [0.5, 0.25])
@@ -257,7 +256,7 @@ def test_a_prediction_of_another_size_is_refused(shape: tuple[int, ...]) -> None
     with pytest.raises(
         BadData, match=r"frames have shape \(1, \d.*, 3\), expected \(S, 2, 64, 64, 3\)$"
     ):
-        score(ScoringContext(drive(), PAST), prediction, METRICS)
+        score(ScoredClip(drive(), PAST), prediction, METRICS)
 
 
 @pytest.mark.parametrize("futures", [2, 4])
@@ -266,4 +265,4 @@ def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) ->
         BadData,
         match=f"{futures} predicted futures for 3 samples, expected one each or one for all",
     ):
-        score(ScoringContext(drive(), PAST), halves(3, [0.0] * futures), METRICS)
+        score(ScoredClip(drive(), PAST), halves(3, [0.0] * futures), METRICS)

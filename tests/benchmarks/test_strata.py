@@ -11,7 +11,7 @@ import pytest
 from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.rescoring import rescore, stored_metrics
+from geovp_benchmarks.running.rescore import rescore, stored_metrics
 from geovp_benchmarks.tables import tables
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 

@@ -12,7 +12,7 @@ from geovp_benchmarks import cli
 from geovp_benchmarks.audit import contracts
 from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running import built_matrix
+from geovp_benchmarks.running import task
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
@@ -90,7 +90,7 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     assert [
         finding.detail for finding in contracts.check("predictors", Dusk()) if not finding.passed
     ] == []
-    built_matrix.build_matrix.cache_clear()
+    task.build_matrix.cache_clear()
     (tmp_path / "dusk.toml").write_text(
         '[protocol]\ndataset = { name = "synthetic", num_clips = 1 }\nnum_past = 3\nnum_future = 2\n'
         'size_px = [32, 32]\nstride = 10\ndevice = "auto"\n[predictors]\ndusk = { name = "dusk", noise = 0.1 }\n'
@@ -98,7 +98,7 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     )
     out = tmp_path / "out"
     assert cli.main(["run", str(tmp_path / "dusk.toml"), "--out", str(out), "--no-report"]) == 0
-    built_matrix.build_matrix.cache_clear()
+    task.build_matrix.cache_clear()
     method = Results(out).method("dusk")
     assert method.status == "done"
     assert method.components["predictor"]["noise"] == 0.1

@@ -15,7 +15,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_benchmarks.running.scoring import ManyMasks, Metrics, ScoringContext, score
+from geovp_benchmarks.running.scoring import ManyMasks, Metrics, ScoredClip, score
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.interfaces import FrameMetric
@@ -273,7 +273,7 @@ def test_targets_are_prepared_once_for_all_methods_of_a_clip(
 ) -> None:
     frames = noise(1, (5, 32, 32, 3))
     clip = Clip("a", frames, np.arange(5.0), Intrinsics(30, 30, 15.5, 15.5, 32, 32))
-    metric, context = Lpips("alex", folder), ScoringContext(clip, num_past=2)
+    metric, context = Lpips("alex", folder), ScoredClip(clip, num_past=2)
     metrics = Metrics({"lpips": metric}, {})
     expected = metric(noise(2, frames[2:].shape), frames[2:])
     features, calls = lpips.alex_features, []

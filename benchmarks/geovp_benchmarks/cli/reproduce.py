@@ -85,21 +85,11 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Method]:
-    """All methods, with the clips that `--keep` asks for; a rule needs scores
-    first.
-    """
+    """Compute all methods, with the clips that `--keep` asks for."""
     from geovp_benchmarks.cli.run import executor_of, keep_rule
-    from geovp_benchmarks.running.planning import Options
+    from geovp_benchmarks.running.plan import Options
     from geovp_benchmarks.running.run import run as fill
-    from geovp_benchmarks.running.selection import Ranking
 
-    keep, executor = keep_rule(chosen.keep, matrix), executor_of(chosen.workers)
+    options = Options(chosen.limit, keep_rule(chosen.keep, matrix))
     with progress_bar(chosen.name, "predictions") as progress:
-        first = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep)
-        methods = fill(matrix, results, first, executor, progress)
-    if isinstance(keep, Ranking):
-        with progress_bar("selected clips", "predictions") as progress:
-            methods = fill(
-                matrix, results, Options(chosen.limit, keep.choose(results)), executor, progress
-            )
-    return methods
+        return fill(matrix, results, options, executor_of(chosen.workers), progress)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.arguments import add_device, add_matrix, positive
 from geovp_benchmarks.cli.messages import say, width
 from geovp_benchmarks.progress import announce, progress_bar
-from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
     from geovp_benchmarks.running.executors import Executor
-    from geovp_benchmarks.running.locking import Claim
     from geovp_benchmarks.running.selection import Ranking, Selection
 
 KEEP = """keep the predictions of N clips (4), of all, of clips named with commas between, or of
@@ -90,29 +86,18 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
-    """Compute the methods of one data set while no other protocol's run may; the exit code."""
-    from geovp_benchmarks.running.locking import results_lock, unclaimed
-
-    with nullcontext(unclaimed) if chosen.dry_run else results_lock(results.root) as claim:
-        return _filled(chosen, matrix.with_device(chosen.device), results, claim)
-
-
-def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
+    """Compute the methods of one data set; the exit code."""
+    matrix = matrix.with_device(chosen.device)
     with progress_bar(matrix.name, "predictions") as progress:
         announce("starting")
-        from geovp_benchmarks.running.planning import Options
+        from geovp_benchmarks.running.plan import Options
         from geovp_benchmarks.running.run import run as fill
-        from geovp_benchmarks.running.selection import Ranking
 
-        keep = keep_rule(chosen.keep, matrix)
-        options = Options(
-            chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh, claim
-        )
+        options = Options(chosen.limit, keep_rule(chosen.keep, matrix), chosen.fresh)
         if chosen.dry_run:
-            from geovp_benchmarks.running import dry_run
+            from geovp_benchmarks.running.dry_run import dry_run
 
-            plan, rows = dry_run.rows(matrix, results, options, progress)
-            print(*dry_run.describe(plan, rows, chosen.workers or 1), sep="\n")
+            print(*dry_run(matrix, results, options, chosen.workers or 1, progress), sep="\n")
             return 0
         executor, before = executor_of(chosen.workers, chosen.scheduler), results.set_aside()
         methods = fill(matrix, results, options, executor, progress)
@@ -122,14 +107,6 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
             f"the protocol or settings changed: earlier methods are kept in {kept} and come back "
             "with the old ones"
         )
-    if isinstance(keep, Ranking):
-        try:
-            options = dataclasses.replace(options, keep=keep.choose(results))
-        except BadData:
-            conclude(results, methods, with_report=not chosen.no_report)
-            raise
-        with progress_bar("selected clips", "predictions") as progress:
-            methods = fill(matrix, results, options, executor, progress)
     return conclude(results, methods, with_report=not chosen.no_report)
 
 
@@ -190,12 +167,12 @@ def executor_of(workers: int | None, scheduler: str | None = None) -> Executor:
 
 def keep_rule(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
     """What --keep asks for: a number, clips, a rule, or None for all."""
-    from geovp_benchmarks.running.selection import NAMED, WHICH, Ranking, Selection
+    from geovp_benchmarks.running.selection import Ranking, Selection
 
     if text == "all":
         return None
     if text.removeprefix("-").isdecimal():
         return max(0, int(text))
-    if ":" in text or text in WHICH:
+    if ":" in text:
         return Ranking.parse(text, matrix)
-    return Selection(tuple(text.split(",")), NAMED)
+    return Selection(tuple(text.split(",")))

@@ -26,8 +26,8 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks.matrix import schema as matrices
     from geovp_benchmarks.matrix.components import on_device
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.running.metric_set import MetricSet
-    from geovp_benchmarks.running.rescoring import rescore, stored_metrics
+    from geovp_benchmarks.running.rescore import rescore, stored_metrics
+    from geovp_benchmarks.running.scoring import Metrics
 
     folder = Path(os.path.realpath(chosen.folder))
     results = Results(chosen.folder)
@@ -44,7 +44,9 @@ def run(chosen: argparse.Namespace) -> int:
         if matrix is None:
             metrics = stored_metrics(results)
         else:
-            metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
+            metrics = Metrics.build(
+                matrix.frame_metrics, matrix.trajectory_metrics, results.protocol()["size_px"]
+            )
     with progress_bar("score", "methods") as progress:
         methods = rescore(results, into, metrics, progress)
     return conclude(into, methods, with_report=False, as_json=chosen.json)

@@ -71,9 +71,8 @@ def code_hash(components: Iterable[object]) -> str:
     """
     modules = {
         "geovp_classic",
-        "geovp_benchmarks.running.built_matrix",
+        "geovp_benchmarks.running.task",
         "geovp_benchmarks.running.scoring",
-        "geovp_benchmarks.running.metric_set",
     }
     for component in components:
         for part in nested(component):

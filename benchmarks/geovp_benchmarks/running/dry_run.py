@@ -1,143 +1,72 @@
-"""What a run would do, and about how long and how large it would be; nothing is written to the
-results.
-"""
+"""Dry run: what a run would compute, and about how long and how large it would be."""
 
-import os
-import shutil
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Hashable
 from pathlib import Path
 
-from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.executors import Serial
-from geovp_benchmarks.running.planning import Options, Plan, look
-from geovp_benchmarks.running.run import lacking, record_of
-from geovp_benchmarks.running.run import run as fill
+from geovp_benchmarks.running.plan import Options, make_plan
+from geovp_benchmarks.running.run import run, totals
 from geovp_benchmarks.tables.formats import columns
 
-SHARED = "motion"  # the stage that the rows of one pose source share
 
+def dry_run(
+    matrix: Matrix, results: Results, options: Options, workers: int, progress: Progress
+) -> list[str]:
+    """Return lines that state what is to be computed; nothing is written to the results.
 
-@dataclass(frozen=True)
-class Cost:
-    """What one clip takes in one row."""
-
-    seconds: Mapping[str, float]  # per stage
-    score_bytes: float
-    prediction_bytes: float  # where the prediction is kept
-    is_stored: bool  # measured by an earlier run, not just now
-
-
-@dataclass(frozen=True)
-class MethodEstimate:
-    """One row: clips to compute and to keep as they are, or why it cannot be computed."""
-
-    method: MethodPlan
-    todo: frozenset[str]
-    kept: int
-    reason: str = ""
-    cost: Cost | None = None
-
-
-def rows(
-    matrix: Matrix, results: Results, options: Options, progress: Progress
-) -> tuple[Plan, list[MethodEstimate]]:
-    """The plan of every row; one clip is predicted with all rows, once, where some row has no
-    stored times.
+    Times and sizes are those of earlier runs. If some method has none, all methods predict one clip
+    in a temporary folder.
     """
-    plan = look(matrix, results, options)
-    found = [_row(plan, method) for method in matrix.methods]
-    if all(row.cost or not row.todo for row in found):
-        return plan, found
+    plan = make_plan(matrix, results, options)
+    records = {method: plan.record(method) for method in matrix.methods}
+    missing = {method: plan.missing(method, record) for method, record in records.items()}
+    sources = {
+        method: results.with_rows_of(method.name, record["fingerprint"])
+        for method, record in records.items()
+    }
+    lines = [["method", "to do", "stored", "s per clip"]]
+    seconds: dict[Hashable, float] = {}
+    size_bytes = 0.0
+    num_missing = sum(len(clips) for clips in missing.values())
     with tempfile.TemporaryDirectory() as folder:
-        trial = Results(Path(folder))
-        fill(matrix, trial, Options(limit=1, keep=1), Serial(), progress)
-        return plan, [_completed(row, trial) for row in found]
-
-
-def describe(plan: Plan, found: list[MethodEstimate], workers: int) -> list[str]:
-    """The rows as a table, and what they take together."""
-    lines = [["row", "to do", "kept", "s a clip"]]
-    for row in found:
-        takes = "" if row.cost is None else f"{sum(row.cost.seconds.values()):.2f}"
-        lines.append([row.method.label, str(len(row.todo)), str(row.kept), row.reason or takes])
-    todo, kept = sum(len(row.todo) for row in found), sum(row.kept for row in found)
-    measured = [row.cost for row in found if row.todo and row.cost]
-    stored = sum(cost.is_stored for cost in measured)
-    source = (
-        f"{stored} rows by the times stored with their clips, {len(measured) - stored} by one "
-        "clip timed just now"
-    )
-    minutes, seconds = divmod(round(_seconds(found) / workers), 60)
-    root = Path(os.path.realpath(plan.results.root))
-    while not root.exists():
-        root = root.parent
-    free = f"{shutil.disk_usage(root).free / 1e9:.1f} GB are free"
+        untimed = [
+            method
+            for method, clips in missing.items()
+            if clips and not sources[method].parts(method.name)
+        ]
+        if untimed:
+            trial = Results(Path(folder))
+            outcomes = run(matrix, trial, Options(limit=1, keep=1), Serial(), progress)
+            for method, outcome in zip(matrix.methods, outcomes, strict=True):
+                records[method] = dict(outcome.record)
+            sources |= dict.fromkeys(untimed, trial)
+        for method, clips in missing.items():
+            name, source, record = method.name, sources[method], records[method]
+            total = totals(source.parts(name), "")
+            num_clips = total["num_clips"] or 1
+            per_clip = {stage: s / num_clips for stage, s in total["seconds"].items()}
+            note = f"{sum(per_clip.values()):.2f}"
+            if record["status"] in ("skipped", "failed"):
+                note = f"{record['status']}: {record['reason']}"
+            lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
+            shared = {"observe": "", "motion": method.pose_source}  # with other methods
+            for stage, stage_s in per_clip.items():
+                key = stage, shared.get(stage, name)
+                seconds[key] = max(seconds.get(key, 0.0), len(clips) * stage_s)
+            size_bytes += len(clips) / num_clips * source.size_bytes(name, "scores")
+            num_kept = len(source.predictions(name)) or 1
+            kept = clips & plan.kept
+            size_bytes += len(kept) / num_kept * source.size_bytes(name, "predictions")
+    minutes, rest_s = divmod(round(sum(seconds.values()) / workers), 60)
+    num_stored = len(missing) * len(plan.clips) - num_missing
     return [
         *columns(lines),
-        f"predictions: {todo} to do, {kept} kept",
-        f"time: about {minutes} min {seconds} s with {workers} process{'es' * (workers > 1)} "
-        f"({source})",
-        f"disk: about {_bytes(plan, found) / 1e6:.1f} MB without figures and report; {free}",
+        f"predictions: {num_missing} to do, {num_stored} stored",
+        f"time: about {minutes} min {rest_s} s with {workers} process{'es' * (workers > 1)}; "
+        f"methods timed on one clip just now: {len(untimed)}",
+        f"disk: about {size_bytes / 1e6:.1f} MB without figures and report",
     ]
-
-
-def _row(plan: Plan, method: MethodPlan) -> MethodEstimate:
-    failure, record = record_of(plan, method)
-    if failure is not None:
-        return MethodEstimate(method, frozenset(), 0, f"{failure.status}: {failure.reason}")
-    source = plan.results.with_rows_of(method.name, record["fingerprint"])
-    clips = {clip for clip, _ in plan.results.with_clips_of(plan.shared).clips()}
-    kept = {clip for clip, _ in source.predictions(method.name)} & clips
-    todo = lacking(plan, source.parts(method.name), kept, plan.built.code(method))
-    return MethodEstimate(
-        method, todo, len(plan.clips) - len(todo), cost=_cost(source, method.name, is_stored=True)
-    )
-
-
-def _completed(row: MethodEstimate, trial: Results) -> MethodEstimate:
-    """The row with the trial's cost where none is stored, and with the reason where the trial
-    failed.
-    """
-    tried = trial.method(row.method.name)
-    if row.cost or tried is None:
-        return row
-    reason = "" if tried.status == "done" else f"{tried.status}: {tried.reason}"
-    return replace(row, reason=reason, cost=_cost(trial, row.method.name, is_stored=False))
-
-
-def _cost(results: Results, method: str, *, is_stored: bool) -> Cost | None:
-    """A row's cost by its parts; None when it has none."""
-    parts = results.parts(method)
-    clips, kept = sum(len(part.clips) for part in parts), len(results.predictions(method))
-    if not clips:
-        return None
-    stages = {stage for part in parts for stage in part.seconds}
-    seconds = {
-        stage: sum(part.seconds.get(stage, 0.0) for part in parts) / clips for stage in stages
-    }
-    size = results.size_bytes(method, "predictions") / max(kept, 1)
-    return Cost(seconds, results.size_bytes(method, "scores") / clips, size, is_stored)
-
-
-def _seconds(found: list[MethodEstimate]) -> float:
-    """Of all rows in one process; rows of one pose source estimate its motion once."""
-    total, shared = 0.0, dict[str, float]()
-    for row in (row for row in found if row.cost):
-        assert row.cost is not None
-        once = row.cost.seconds.get(SHARED, 0.0)
-        total += len(row.todo) * (sum(row.cost.seconds.values()) - once)
-        source = str(row.method.pose_source)
-        shared[source] = max(shared.get(source, 0.0), len(row.todo) * once)
-    return total + sum(shared.values())
-
-
-def _bytes(plan: Plan, found: list[MethodEstimate]) -> float:
-    rows_with_cost = [(row, row.cost) for row in found if row.cost]
-    scores = sum(len(row.todo) * cost.score_bytes for row, cost in rows_with_cost)
-    return scores + sum(
-        len(row.todo & plan.kept) * cost.prediction_bytes for row, cost in rows_with_cost
-    )

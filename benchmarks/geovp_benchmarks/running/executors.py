@@ -20,17 +20,14 @@ from geovp_classic.errors import BadData, GeovpError, MissingExtra
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-CONNECT_TIMEOUT_S = 10.0  # for a scheduler to answer
-TASKS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next one
+TASKS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next task
 
 
 class Executor(Protocol):
-    """Computes the tasks of a run."""
+    """Way to compute the tasks of a run."""
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """The results in any order; the function's own errors are raised."""
-        ...
+        """Yield the results in any order; errors of the function are raised."""
 
 
 @dataclass(frozen=True)
@@ -38,25 +35,21 @@ class Serial:
     """One task after the other, in this process."""
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """The results in the order of the tasks."""
+        """Yield the results in the order of the tasks."""
         return map(function, tasks)
 
 
 @dataclass(frozen=True)
 class Processes:
-    """Several processes on this machine, each with an equal share of its cores."""
+    """Several processes on this machine, which divide its cores."""
 
     workers: int = 2
 
-    def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise BadData(f"workers is {self.workers}, expected 1 or more")
-
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Results as they are ready; GeovpError when a process dies."""
-        threads = max(1, (os.cpu_count() or 1) // self.workers)
+        """Yield results as they are ready; raise GeovpError if a process dies."""
+        num_threads = max(1, (os.cpu_count() or 1) // self.workers)
         pool = futures.ProcessPoolExecutor(
-            self.workers, multiprocessing.get_context("spawn"), _begin_worker, (threads,)
+            self.workers, multiprocessing.get_context("spawn"), _begin_worker, (num_threads,)
         )
         try:
             yield from _results(pool, function, tasks, self.workers)
@@ -64,12 +57,9 @@ class Processes:
             raise GeovpError(
                 "a worker process died (out of memory?): run again, with fewer --workers"
             ) from error
-        except (
-            KeyboardInterrupt,
-            GeneratorExit,
-        ):  # parts are renamed into place: a worker may end at any moment
+        except (KeyboardInterrupt, GeneratorExit):
             for process in multiprocessing.active_children():
-                process.terminate()
+                process.terminate()  # files are renamed into place: none is left half written
             raise
         finally:
             pool.shutdown(cancel_futures=True)
@@ -80,11 +70,10 @@ class Dask:
     """A Dask cluster whose workers see this machine's file system under the same paths."""
 
     address: str
+    timeout_s: float = 10.0  # for a scheduler and a worker to answer
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Results as they are ready; MissingExtra without Dask, BadData when no scheduler
-        answers.
-        """
+        """Yield results as they are ready; raise BadData if no scheduler or worker answers."""
         try:
             import distributed
         except ModuleNotFoundError as error:
@@ -92,26 +81,22 @@ class Dask:
                 f"a Dask cluster needs dask: {registry.install_command('cluster')}"
             ) from error
         try:
-            client = distributed.Client(self.address, timeout=CONNECT_TIMEOUT_S)
-        except (OSError, ValueError) as error:
+            client = distributed.Client(self.address, timeout=self.timeout_s)
+            client.wait_for_workers(1, timeout=self.timeout_s)
+        except (OSError, ValueError) as error:  # TimeoutError is an OSError
             raise BadData(
-                f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786"
+                f"no Dask scheduler with a worker answers at {self.address!r}: start them, or give "
+                "an address such as tcp://host:8786"
             ) from error
         with client:
-            try:
-                client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S / 2)
-            except TimeoutError as error:
-                raise BadData(
-                    f"the Dask cluster at {self.address} has no worker: start one (dask worker)"
-                ) from error
-            workers = max(1, sum(client.nthreads().values()))
-            yield from _results(client.get_executor(pure=False), function, tasks, workers)
+            num_threads = sum(client.nthreads().values())
+            yield from _results(client.get_executor(pure=False), function, tasks, num_threads)
 
 
 def _results(
     pool: futures.Executor, function: Callable[[Task], Result], tasks: Iterable[Task], workers: int
 ) -> Iterator[Result]:
-    """Results as they are ready; a task is taken only when the pool has room for it."""
+    """Yield results as they are ready; take a task only when the pool has room for it."""
     waiting: set[futures.Future[Result]] = set()
     for task in tasks:
         waiting.add(pool.submit(function, task))
@@ -121,20 +106,16 @@ def _results(
     yield from (future.result() for future in futures.as_completed(waiting))
 
 
-def _begin_worker(threads: int) -> None:
-    """Limit the threads of libraries that a worker imports later, and end the worker when the run
-    ends.
-    """
-    for variable in THREAD_LIMITS:
-        os.environ.setdefault(variable, str(threads))
+def _begin_worker(num_threads: int) -> None:
+    """Limit the threads of libraries, and end the worker when the run ends."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", str(num_threads))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A killed run cannot stop its workers: without this they would wait for it and keep their
-    memory.
-    """
+    """End this worker with the run, which cannot stop it if it is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

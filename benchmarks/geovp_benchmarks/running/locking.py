@@ -1,15 +1,15 @@
-"""One protocol at a time fills a results folder; scratch files of killed processes are removed.
+"""Locks of results folders: one protocol at a time; scratch files of killed processes are removed.
 
 A run holds a lock file named after its protocol for as long as it lasts. Runs of the same protocol
 may fill a folder together. A lock ends with its process, however that ends.
 """
 
-import contextlib
 import os
 import re
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,51 +17,41 @@ from filelock import FileLock, Timeout
 from geovp_benchmarks.results.provenance import content_hash
 from geovp_classic.errors import BadData
 
-_SCRATCH = re.compile(r"\..+\.(\d+)\.part")  # as `atomic_write` calls them
-Claim = Callable[[str], None]
+
+@contextmanager
+def results_lock(root: Path, protocol: str) -> Iterator[None]:
+    """Hold a results folder for a protocol; raise BadData while another protocol's run does."""
+    with ExitStack() as stack:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            with FileLock(root / ".lock"):
+                _lock(root, content_hash(protocol)[:16], stack)
+        except NotImplementedError:  # a file system without locks
+            pass
+        except OSError as error:
+            raise BadData(
+                f"{root} cannot be a results folder ({error.strerror}): give a folder that can be "
+                "written with --out"
+            ) from error
+        yield
 
 
-def unclaimed(protocol: str) -> None:
-    """Claim a folder in which nothing is written, or that nobody else fills."""
-
-
-@contextlib.contextmanager
-def results_lock(root: Path) -> Iterator[Claim]:
-    """Yield a function that claims a results folder for a protocol.
-
-    The claim raises BadData while a run of another protocol fills the folder.
-    """
-    with contextlib.ExitStack() as held:
-        yield lambda protocol: _claim(root, protocol, held)
-
-
-def _claim(root: Path, protocol: str, held: contextlib.ExitStack) -> None:
-    owner = f"process {os.getpid()} on {socket.gethostname()}"
-    key = content_hash(protocol)[:16]
-    own = root / f".run-{key} {owner}.lock"
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        with FileLock(root / ".lock"):
-            others = [path for path in root.glob(".run-*.lock") if path != own and _is_held(path)]
-            for path in others:
-                held_protocol, _, other = path.stem.removeprefix(".run-").partition(" ")
-                if held_protocol != key:
-                    raise BadData(
-                        f"{root} is in use by {other} with another protocol or other methods: "
-                        "wait until it has ended, or give another folder with --out"
-                    )
-            if not others:
-                sweep(root)
-            held.callback(own.unlink, missing_ok=True)
-            with contextlib.suppress(Timeout):  # this process holds it already
-                held.enter_context(FileLock(own, timeout=0))
-    except NotImplementedError:  # a file system without locks
-        return
-    except OSError as error:
-        raise BadData(
-            f"{root} cannot be a results folder ({error.strerror}): give a folder that can be "
-            "written with --out"
-        ) from error
+def _lock(root: Path, key: str, stack: ExitStack) -> None:
+    """Take the lock of this process, unless a run of another protocol holds one."""
+    lock = root / f".run-{key} process {os.getpid()} on {socket.gethostname()}.lock"
+    others = [path for path in root.glob(".run-*.lock") if path != lock and _is_held(path)]
+    for path in others:
+        other_key, _, owner = path.stem.removeprefix(".run-").partition(" ")
+        if other_key != key:
+            raise BadData(
+                f"{root} is in use by {owner} with another protocol or other methods: wait until "
+                "it has ended, or give another folder with --out"
+            )
+    if not others:
+        remove_scratch(root)
+    stack.callback(lock.unlink, missing_ok=True)
+    with suppress(Timeout):  # this process holds it already
+        stack.enter_context(FileLock(lock, timeout=0))
 
 
 def _is_held(path: Path) -> bool:
@@ -74,24 +64,23 @@ def _is_held(path: Path) -> bool:
     return False
 
 
-def sweep(root: Path) -> None:
-    """Remove scratch files and folders, for when no run is writing; those of processes that live
-    here are left.
-    """
+def remove_scratch(root: Path) -> None:
+    """Remove the scratch files and folders of `atomic_write` whose processes have ended."""
     for path in root.rglob(".*.part"):
-        found = _SCRATCH.fullmatch(path.name)
-        if found is None or _lives(int(found[1])):
+        process = re.fullmatch(r"\..+\.(\d{1,9})\.part", path.name)
+        if process is None or _is_alive(int(process[1])):
             continue
-        if path.is_dir() and not path.is_symlink():
+        if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
 
 
-def _lives(process: int) -> bool:
+def _is_alive(process: int) -> bool:
+    """Return whether a process of this machine is alive."""
     try:
         os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
+    except ProcessLookupError:
         return False
     except PermissionError:
         return True

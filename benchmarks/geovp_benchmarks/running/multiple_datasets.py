@@ -16,46 +16,38 @@ from geovp_benchmarks.tables import formats, tables
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
-ONE = ""  # the label of a file's only data set
-
 
 def read(path: Path, root: Path | None = None, settings: Sequence[str] = ()) -> dict[str, Matrix]:
-    """The matrices of a file by the label of their data set, with settings of the command line and
-    roots in them.
-    """
+    """Return the matrices of a file by the label of their data set, with changed settings."""
     return parse(*files.read(path, settings), root)
 
 
 def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> dict[str, Matrix]:
-    """The matrices of a TOML file's content; of several data sets, each is opened, so that none
+    """Return the matrices of a TOML file's content by the label of their data set.
+
+    The label is "" if there is one data set. Each of several data sets is opened, so that none
     fails hours later.
     """
     protocol = content.get("protocol")
     if not isinstance(protocol, Mapping) or "datasets" not in protocol:
-        return {ONE: schema.parse(name, content).with_root(root)}
-    if "dataset" in protocol:
-        raise BadData("protocol has both dataset and datasets: keep one of them")
-    if root is not None:
+        return {"": schema.parse(name, content).with_root(root)}
+    shared = dict(protocol)
+    specs = validated(Specs, shared.pop("datasets"), "protocol.datasets")
+    if not specs or "dataset" in shared or root is not None:
         raise BadData(
-            "--root replaces the root of one data set, and the matrix file has datasets: write "
-            "roots there"
+            "protocol.datasets is a list of at least one data set such as "
+            '{ name = "kitti", root = "..." }, and replaces protocol.dataset and --root'
         )
-    specs = validated(Specs, protocol["datasets"], "protocol.datasets")
     schema.check_folders(list(validated(dict[FolderName, Spec], specs, "protocol.datasets")))
-    if not specs:
-        raise BadData(
-            'protocol.datasets is empty: give a list such as [{ name = "kitti", root = "..." }]'
-        )
-    shared = {key: value for key, value in protocol.items() if key != "datasets"}
-    found = {}
+    matrices = {}
     for label, spec in specs.items():
-        own = {**content, "protocol": {**shared, "dataset": spec}}
+        single = {**content, "protocol": {**shared, "dataset": spec}}
         try:
-            found[label] = schema.parse(f"{name}/{label}", own).with_root(None)
-            found[label].build_dataset(PrivilegedInput.NONE)
+            matrices[label] = schema.parse(f"{name}/{label}", single).with_root(None)
+            matrices[label].build_dataset(PrivilegedInput.NONE)
         except GeovpError as problem:
             raise type(problem)(f"data set {label!r}: {problem}") from problem
-    return found
+    return matrices
 
 
 def side_by_side(results: Results, width: int | None = None) -> str:

@@ -3,71 +3,56 @@
 import ctypes
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
-CLEAR_REFS = Path("/proc/self/clear_refs")
-STATUS = Path("/proc/self/status")
-RESET_PEAK = "5"  # sets VmHWM to what is resident now (Linux 4.0 and newer, proc_pid_clear_refs(5))
 
+class Usage:
+    """Time and memory that work took; its stages follow one another."""
 
-@dataclass(frozen=True)
-class StageProfiler:
-    """Seconds and peak memory per stage of one method; stages follow one another and are never
-    nested.
-    """
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()  # by stage
+        self.peak_mb = 0.0  # MiB of the whole process, 0 if unknown
 
-    seconds: dict[str, float] = field(default_factory=dict)
-    peaks_mb: dict[str, float] = field(
-        default_factory=dict
-    )  # MiB of the whole process; 0 where unknown
-
-    def add(self, stage: str, seconds: float, peak_mb: float) -> None:
-        """Charge a stage."""
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
-        self.peaks_mb[stage] = max(self.peaks_mb.get(stage, 0.0), peak_mb)
-
-    def peak_without(self, stage: str) -> float:
-        """The highest peak of all other stages in MiB."""
-        return max(
-            (peak_mb for other, peak_mb in self.peaks_mb.items() if other != stage), default=0.0
-        )
+    def add(self, other: "Usage") -> None:
+        """Add the time of other work, and take the higher peak."""
+        self.seconds.update(other.seconds)
+        self.peak_mb = max(self.peak_mb, other.peak_mb)
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
-        """Charge a stage for the work inside; only one thread at a time may do so, a process has
-        one peak.
-        """
-        was_reset, start_s = reset_peak(), time.perf_counter()
+        """Measure the work inside; one thread at a time, since a process has one peak."""
+        is_reset = reset_peak()
+        start_s = time.perf_counter()
         try:
             yield
         finally:
-            self.add(stage, time.perf_counter() - start_s, peak_mb() if was_reset else 0.0)
+            self.seconds[stage] += time.perf_counter() - start_s
+            if is_reset:
+                self.peak_mb = max(self.peak_mb, peak_mb())
 
 
 def reset_peak() -> bool:
-    """Reset the process's peak memory to what is resident now; whether the system could."""
+    """Reset the peak memory of the process to what is resident; return False if impossible."""
     release_free_memory()
     try:
-        CLEAR_REFS.write_text(RESET_PEAK)
+        Path("/proc/self/clear_refs").write_text("5")  # proc_pid_clear_refs(5)
     except OSError:  # not Linux, or not permitted
         return False
     return True
 
 
 def peak_mb() -> float:
-    """The peak of resident memory since `reset_peak` in MiB (VmHWM); 0 where the system does not
-    say.
-    """
-    lines = STATUS.read_text().splitlines() if STATUS.exists() else []
-    kib = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
-    return round(kib / 2**10, 1)
+    """Return the peak of resident memory since `reset_peak` in MiB, 0 if unknown."""
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    peaks_kib = [int(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
+    return round(max(peaks_kib, default=0) / 2**10, 1)
 
 
 def release_free_memory() -> None:
-    """Return freed memory to the system; glibc keeps it for later (malloc_trim(3))."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-    if trim is not None:
-        trim(0)
+    """Return freed memory to the system, which glibc keeps (malloc_trim(3))."""
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):
+        library.malloc_trim(0)

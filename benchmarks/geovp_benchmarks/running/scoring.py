@@ -1,14 +1,20 @@
-"""Score one prediction against one clip: the rows that go into a parquet part."""
+"""Metrics of a matrix, and the scores of one prediction."""
 
 import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
+import numpy as np
+
+from geovp_benchmarks.matrix.components import Failure, build
+from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
 from geovp_benchmarks.results.store import Rows
+from geovp_benchmarks.results.stored_facts import stored_bounds
 from geovp_benchmarks.running.profiling import release_free_memory
+from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
 from geovp_classic.metrics.clip_facts import clip_facts
@@ -27,190 +33,197 @@ from geovp_classic.types import (
     Trajectory,
 )
 
-EVERYTHING = ~PrivilegedInput.NONE
-SAMPLES_PER_RELEASE = (
-    5  # of free memory; without, 100 samples of 256x256 take 1.2 GB more (measured with LPIPS)
-)
+
+@runtime_checkable
+class ManyMasks(Protocol):
+    """Frame metric that is faster with several masks at once."""
+
+    def over(
+        self, predicted: ByteArray, target: Any, masks: Sequence[BoolArray | None]
+    ) -> Sequence[FloatArray]:
+        """Return the metric's values [F] for each mask.
+
+        `target` is what `prepare(target)` returned, if the metric has that method.
+        """
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """The metrics of a run, by the names of the columns."""
+    """Metrics that can be computed here, by the names of their columns."""
 
     frame: Mapping[str, FrameMetric]
     trajectory: Mapping[str, TrajectoryMetric]
+    about: Mapping[str, Any] = field(default_factory=dict)  # also of others, for protocol.json
+
+    @classmethod
+    def build(cls, frame: Specs, trajectory: Specs, size_px: tuple[int, int]) -> Self:
+        """Build metrics, and try each frame metric once, since its weights may be missing.
+
+        A wrong name or setting is raised.
+        """
+        blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
+        metrics: dict[str, dict[str, Any]] = {"frame": {}, "trajectory": {}}
+        about: dict[str, Any] = {}
+        for role, specs in (("frame", frame), ("trajectory", trajectory)):
+            for name, spec in specs.items():
+                metric = build(f"{role}_metrics", name, spec)
+                failure = _try_out(metric, blank) if role == "frame" else metric
+                about[name] = {"role": role, "asked": spec, "unavailable": None, **_meaning(metric)}
+                if isinstance(failure, Failure):
+                    about[name]["unavailable"] = failure.reason
+                else:
+                    metrics[role][name] = metric
+        fraction = {"role": "frame", "unit": "", "higher_is_better": None, "unavailable": None}
+        definitions = {
+            COVERAGE: "fraction of pixels that were not inpainted",
+            CONFIDENCE: "coverage times the fraction of tracked frames; no probability",
+        }
+        for name, definition in definitions.items():
+            about[name] = {**fraction, "bounds": [0.0, 1.0], "definition": definition}
+        return cls(metrics["frame"], metrics["trajectory"], about)
+
+    @cached_property
+    def described(self) -> dict[str, Any]:
+        """Return the resolved settings of the metrics."""
+        metrics = {**self.frame, **self.trajectory}
+        return {name: registry.describe(metric) for name, metric in metrics.items()}
 
 
-@runtime_checkable
-class ManyMasks(Protocol):
-    """A frame metric that takes several masks at once, for less than it takes one
-    after the other.
-    """
+def _try_out(metric: Any, blank: ByteArray) -> Failure | None:
+    """Return the failure of a frame metric on a blank frame."""
+    if isinstance(metric, Failure):
+        return metric
+    try:
+        metric(blank, blank, None)
+    except BadData:
+        raise
+    except Exception as error:  # of a plug-in: the run continues without this metric
+        return Failure.of(error)
+    return None
 
-    def over(
-        self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]
-    ) -> Sequence[FloatArray]:
-        """The metric's values for each of the masks."""
-        ...
 
-
-@runtime_checkable
-class PreparesTarget(Protocol):
-    """A frame metric that computes something of the target once for many predictions."""
-
-    def prepare(self, target: ByteArray) -> Any:
-        """Return what `over` takes in place of the target frames [F, H, W, 3]."""
-        ...
+def _meaning(metric: Any) -> dict[str, Any]:
+    """Return unit, direction, definition, bounds and device of a metric."""
+    if isinstance(metric, Failure):
+        return {}
+    meaning = {
+        "unit": metric.unit,
+        "higher_is_better": metric.higher_is_better,
+        "definition": getattr(metric, "protocol", ""),  # which of the usual definitions it follows
+        "bounds": stored_bounds(metric),
+    }
+    if hasattr(metric, "device"):  # of a network; None is the CPU
+        meaning["device"] = metric.device or "cpu"
+    return meaning
 
 
 @dataclass(frozen=True)
-class ScoringContext:
-    """A clip with its ground truth for scoring predictions of it; equal predictions are scored
-    once.
-    """
+class ScoredClip:
+    """Clip with its truth; equal predictions of it are scored once."""
 
     clip: Clip
     num_past: int
-    scored: dict[Hashable, Sequence[FloatArray]] = field(default_factory=dict)
+    scores: dict[Hashable, Sequence[FloatArray]] = field(default_factory=dict)
     prepared_targets: dict[FrameMetric, Any] = field(default_factory=dict)
 
     @cached_property
     def truth(self) -> tuple[Context, Target]:
-        """Return the clip split with all privileged inputs, for scoring alone."""
-        return self.clip.split(self.num_past, EVERYTHING)
+        """Return the clip split with all privileged inputs."""
+        return self.clip.split(self.num_past, ~PrivilegedInput.NONE)
 
     @cached_property
     def pixel_sets(self) -> Mapping[str, BoolArray]:
-        """Masks [F, H, W] of pixels that are scored apart; none for a clip without exact depth."""
+        """Return masks [F, H, W] of pixels to score apart; none without exact depth."""
         return strata(*self.truth)
 
     @cached_property
     def facts(self) -> Mapping[str, float]:
-        """The clip's numbers by which results are divided: of its path, and shares of the future's
-        pixels.
-        """
-        return clip_facts(*self.truth) | {
-            name: float(mask.mean()) for name, mask in self.pixel_sets.items()
-        }
+        """Return attributes of the clip: of its path, and fractions of the future pixels."""
+        fractions = {name: float(mask.mean()) for name, mask in self.pixel_sets.items()}
+        return clip_facts(*self.truth) | fractions
 
     @cached_property
     def future(self) -> Trajectory | None:
-        """The true future relative to the last observed camera, where poses are known."""
+        """Return the true future relative to the last observed camera, if poses are given."""
         context, target = self.truth
         if context.past is None or target.trajectory is None:
             return None
-        return relative_to_last_observed(
-            context.past, target.trajectory.world_from_cam, target.trajectory.times_s
-        )
+        future = target.trajectory
+        return relative_to_last_observed(context.past, future.world_from_cam, future.times_s)
 
-    def target_for(self, metric: FrameMetric) -> Any:
-        """Return the target frames as the metric takes them, prepared once a clip."""
-        frames = self.truth[1].frames
-        if not isinstance(metric, PreparesTarget):
-            return frames
-        if metric not in self.prepared_targets:
-            self.prepared_targets[metric] = metric.prepare(frames)
-        return self.prepared_targets[metric]
+    def values(
+        self, metric: FrameMetric, predicted: ByteArray, masks: Sequence[BoolArray | None]
+    ) -> Sequence[FloatArray]:
+        """Return a metric's values [F] for each mask; prepare the target once."""
+        target: Any = self.truth[1].frames
+        if not isinstance(metric, ManyMasks):
+            return [metric(predicted, target, mask) for mask in masks]
+        if hasattr(metric, "prepare"):
+            if metric not in self.prepared_targets:
+                self.prepared_targets[metric] = metric.prepare(target)
+            target = self.prepared_targets[metric]
+        return metric.over(predicted, target, masks)
 
 
-def check(context: ScoringContext, prediction: Prediction) -> None:
-    """Raise BadData unless the prediction has the clip's size and a future for each sample or one
-    for all.
-    """
-    expected = context.truth[1].frames.shape
-    if prediction.frames.shape[1:] != expected:
+def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
+    """Return the scores by sample, metric and step; raise BadData for another size or number."""
+    num_samples, *shape = prediction.frames.shape
+    expected = clip.truth[1].frames.shape
+    if tuple(shape) != expected:
         raise BadData(
             f"predicted frames have shape {prediction.frames.shape}, expected (S, "
             f"{str(expected)[1:]}"
         )
-    if prediction.motion is not None and len(prediction.motion.futures) not in (
-        1,
-        len(prediction.frames),
-    ):
-        futures = len(prediction.motion.futures)
+    num_futures = 1 if prediction.motion is None else len(prediction.motion.futures)
+    if num_futures not in (1, num_samples):
         raise BadData(
-            f"{futures} predicted futures for {len(prediction.frames)} samples, expected one "
-            "each or one for all"
+            f"{num_futures} predicted futures for {num_samples} samples, expected one each or one "
+            "for all"
         )
-
-
-def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> Rows:
-    """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of
-    another size.
-    """
-    check(context, prediction)
     rows: list[tuple[str, int, int, str, float]] = []
-    for sample in range(len(prediction.frames)):
-        if (
-            sample + 1
-        ) % SAMPLES_PER_RELEASE == 0:  # scores lie scattered among the memory that metrics freed
+    for sample in range(num_samples):
+        if sample % 5 == 4:  # 100 samples of 256x256 took 1.2 GB more without this, with LPIPS
             release_free_memory()
-        for name, values in _values(context, prediction, sample, metrics):
+        for name, values in _values(clip, prediction, sample, metrics):
             rows += [
-                (context.clip.name, sample, step, name, value)
-                for step, value in enumerate(values, 1)
+                (clip.clip.name, sample, step, name, value) for step, value in enumerate(values, 1)
             ]
     return Rows.of(*zip(*rows, strict=True))
 
 
 def _values(
-    context: ScoringContext, prediction: Prediction, sample: int, metrics: Metrics
+    clip: ScoredClip, prediction: Prediction, sample: int, metrics: Metrics
 ) -> Iterator[tuple[str, FloatArray]]:
-    """(column, one number per step [F]) of one sample."""
+    """Yield columns with the values [F] of one sample."""
     predicted = prediction.frames[sample]
-    covered = None if prediction.covered is None else prediction.covered[sample]
+    digest = hashlib.sha256(predicted.tobytes())
     masks: dict[str, BoolArray | None] = {"": None}
-    if covered is not None:
+    if prediction.covered is not None:
+        covered = prediction.covered[sample]
+        digest.update(covered.tobytes())
         masks["@covered"] = covered
         yield COVERAGE, covered.mean(axis=(1, 2))
     if prediction.confidence is not None:
         yield CONFIDENCE, prediction.confidence[sample]
-    masks.update({f"@{name}": mask for name, mask in context.pixel_sets.items()})
-    images = hashlib.sha256(
-        predicted.tobytes() + (b"" if covered is None else covered.tobytes())
-    ).digest()
-    for name, frame_metric in metrics.frame.items():
-        if isinstance(frame_metric, Stabilised):
+    masks |= {f"@{name}": mask for name, mask in clip.pixel_sets.items()}
+    stabilised = {}
+    for name, metric in metrics.frame.items():
+        if isinstance(metric, Stabilised):
+            stabilised[name] = metric.metric
             continue
-        if (name, images) not in context.scored:
-            context.scored[name, images] = _over(
-                context, frame_metric, predicted, list(masks.values())
-            )
-        for suffix, values in zip(masks, context.scored[name, images], strict=True):
+        key = name, digest.digest()
+        if key not in clip.scores:
+            clip.scores[key] = clip.values(metric, predicted, [*masks.values()])
+        for suffix, values in zip(masks, clip.scores[key], strict=True):
             yield name + suffix, values
-    future = _future(context, prediction, sample)
-    if future is not None and context.future is not None:
-        stabilised = {
-            name: metric for name, metric in metrics.frame.items() if isinstance(metric, Stabilised)
-        }
-        if stabilised:
-            frames, seen = turned(predicted, context.clip.intrinsics, future, context.future)
-            for name, metric in stabilised.items():
-                yield name, _over(context, metric.metric, frames, [seen])[0]
-        for name, trajectory_metric in metrics.trajectory.items():
-            yield name, trajectory_metric(future, context.future)
-
-
-def _over(
-    context: ScoringContext,
-    metric: FrameMetric,
-    predicted: ByteArray,
-    masks: Sequence[BoolArray | None],
-) -> Sequence[FloatArray]:
-    target = context.target_for(metric)
-    if isinstance(metric, ManyMasks):
-        return metric.over(predicted, target, masks)
-    return [metric(predicted, target, mask) for mask in masks]
-
-
-def _future(context: ScoringContext, prediction: Prediction, sample: int) -> Trajectory | None:
-    """The predicted future relative to the predicted last observed camera; all samples may share
-    one future.
-    """
-    if prediction.motion is None:
-        return None
-    futures = prediction.motion.futures
-    times_s = context.truth[0].times_s[context.num_past :]
-    return relative_to_last_observed(
-        prediction.motion.past, futures[sample % len(futures)], times_s
-    )
+    motion, true_future = prediction.motion, clip.future
+    if motion is None or true_future is None:
+        return
+    poses = motion.futures[sample % len(motion.futures)]  # all samples may share one future
+    future = relative_to_last_observed(motion.past, poses, true_future.times_s)
+    if stabilised:
+        frames, seen = turned(predicted, clip.clip.intrinsics, future, true_future)
+        for name, metric in stabilised.items():
+            yield name, clip.values(metric, frames, [seen])[0]
+    for name, trajectory_metric in metrics.trajectory.items():
+        yield name, trajectory_metric(future, true_future)

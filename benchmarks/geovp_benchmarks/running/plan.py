@@ -1,0 +1,186 @@
+"""Plan of a run: the clips, the protocol, and what each method lacks."""
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geovp_benchmarks.matrix.components import Failure, weights_of
+from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
+from geovp_benchmarks.results.store import Results, check_clip_name
+from geovp_benchmarks.running.selection import Ranking, Selection
+from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.types import PrivilegedInput
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a run."""
+
+    limit: int | None = None  # number of clips
+    # predictions to store: of so many clips, of selected clips, or of all (None)
+    keep: int | Selection | Ranking | None = 3
+    fresh: bool = False  # recompute what another version of the code computed
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that is fixed before the first clip is read."""
+
+    built: BuiltMatrix
+    results: Results
+    options: Options
+
+    @cached_property
+    def clips(self) -> Sequence[str]:
+        """Return the names of the clips."""
+        return self.built.clip_names[: self.options.limit]
+
+    @cached_property
+    def kept(self) -> frozenset[str]:
+        """Return the clips whose predictions are stored."""
+        match self.options.keep:
+            case Selection() as selection:
+                return selection.among(self.clips)
+            case Ranking():  # selects clips once there are scores
+                return frozenset()
+            case None:
+                return frozenset(self.clips)
+            case count:
+                return spread(self.clips, count)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Return a hash of what all scores depend on except the method and the code."""
+        matrix, dataset = self.built.matrix, registry.describe(self.built.dataset)
+        for key in ("with_full", "with_right", "stride"):  # views follow from the methods' needs
+            dataset.pop(key, None)
+        if "root" in dataset:
+            dataset["root"] = str(Path(dataset["root"]).resolve())
+        numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
+        return content_hash({"dataset": dataset, "split": self.split_hash, "numbers": numbers})
+
+    @property
+    def split_hash(self) -> str:
+        """Return the data set's hash of its frames, "" if its settings determine them."""
+        return str(getattr(self.built.dataset, "split_hash", ""))
+
+    def protocol(self) -> dict[str, Any]:
+        """Return the content of protocol.json."""
+        built, keep = self.built, self.options.keep
+        matrix = built.matrix
+        protocol = {
+            "name": matrix.name,
+            "dataset": registry.describe(built.dataset),
+            "dataset_name": built.dataset.name,
+            "split_hash": self.split_hash,
+            "num_past": matrix.num_past,
+            "num_future": matrix.num_future,
+            "size_px": list(matrix.size_px),
+            "stride": matrix.stride,
+            "metrics": built.metrics.about,
+            "methods": [method.name for method in matrix.methods],
+            "clips": list(self.clips),
+            "kept": asdict(keep) if isinstance(keep, Selection) else None,
+            "fingerprint": self.fingerprint,
+            "versions": versions(),
+        }
+        return {**protocol, "id": protocol_id(protocol)}
+
+    def record(self, method: MethodPlan) -> dict[str, Any]:
+        """Return the content of method.json before the first clip.
+
+        The fingerprint is "" if the method cannot be built here.
+        """
+        components = self.built.components_of(method)
+        specs = self.built.matrix.specs
+        record = {
+            "label": method.label,
+            "kind": method.kind,
+            "pose_source": method.pose_source,
+            "renderer": method.renderer,
+            "num_samples": method.num_samples,
+            "asked": {role: specs[key] for role, key in method.components.items()},
+            "protocol": self.fingerprint,
+        }
+        for component in components.values():
+            if isinstance(component, Failure):
+                missing = {"components": {}, "privileged_inputs": [], "fingerprint": "", "code": ""}
+                return {**record, **missing, **asdict(component)}
+        described = {role: registry.describe(each) for role, each in components.items()}
+        needs = self.built.needs(method)
+        return {
+            **record,
+            "status": "partial",
+            "components": described,
+            "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
+            "fingerprint": content_hash([self.fingerprint, described, method.num_samples]),
+            "about": weights_of(components.values()),
+            "code": self.built.code(method),
+        }
+
+    def missing(
+        self, method: MethodPlan, record: Mapping[str, Any], retry_failed: bool = True
+    ) -> Set[str]:
+        """Return the clips of which a method lacks scores or a prediction to be kept."""
+        if not record["fingerprint"]:
+            return set()
+        results = self.results.with_rows_of(method.name, record["fingerprint"])
+        clips = self.results.with_clips_of(self.fingerprint).clips()
+        kept = {clip for clip, _ in results.predictions(method.name)} & {clip for clip, _ in clips}
+        missing = set(self.clips)
+        for part in results.parts(method.name):
+            is_scored = self.built.metrics.described.items() <= part.metrics.items()
+            if is_scored and (part.code == record["code"] or not self.options.fresh):
+                missing.difference_update(part.clips)
+                failures = part.failures.items() if retry_failed else ()
+                missing |= {clip for clip, (status, *_) in failures if status == "failed"}
+        return missing | (self.kept - kept)
+
+    def tasks(
+        self,
+        missing: Mapping[MethodPlan, Set[str]],
+        records: Mapping[MethodPlan, Mapping[str, Any]],
+    ) -> Iterator[Task]:
+        """Yield a task for each clip that some methods lack."""
+        matrix, root = self.built.matrix.to_json(), str(self.results.root)
+        for index, clip in enumerate(self.clips):
+            fingerprints = {
+                method: records[method]["fingerprint"]
+                for method, clips in missing.items()
+                if clip in clips
+            }
+            if fingerprints:
+                yield Task(matrix, root, index, clip, fingerprints, clip in self.kept)
+
+
+def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
+    """Build everything once; nothing is written."""
+    build_matrix.cache_clear()  # packages or weights may have been installed
+    plan = Plan(build_matrix(matrix.to_json()), results, options)
+    if not plan.clips:
+        raise BadData(
+            "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
+        )
+    for clip in plan.clips:
+        check_clip_name(clip)
+    if results.begun and options.limit is not None:
+        stored = results.protocol()
+        if stored["fingerprint"] == plan.fingerprint and len(stored["clips"]) > len(plan.clips):
+            raise BadData(
+                f"{results.root} holds {len(stored['clips'])} clips, more than --limit "
+                f"{options.limit} would leave: give another folder with --out"
+            )
+    return plan
+
+
+def spread(clips: Sequence[str], count: int) -> frozenset[str]:
+    """Return `count` clips, evenly spread from the first to the last."""
+    indices = np.linspace(0, len(clips) - 1, min(count, len(clips))).round().astype(int)
+    return frozenset(clips[index] for index in indices)

@@ -1,0 +1,84 @@
+"""Scores of kept predictions with other metrics: nothing is predicted, no data set is needed."""
+
+from collections.abc import Sequence
+
+from geovp_benchmarks.matrix.values import Specs
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
+from geovp_benchmarks.results.store import Method, Part, Results
+from geovp_benchmarks.running.profiling import Usage
+from geovp_benchmarks.running.run import totals
+from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
+from geovp_classic.errors import BadData
+
+
+def stored_metrics(results: Results) -> Metrics:
+    """Build the metrics of a results folder."""
+    specs: dict[str, Specs] = {"frame": {}, "trajectory": {}}
+    protocol = results.protocol()
+    for name, about in protocol["metrics"].items():
+        if "asked" in about:
+            specs[about["role"]][name] = about["asked"]
+    return Metrics.build(specs["frame"], specs["trajectory"], protocol["size_px"])
+
+
+def rescore(
+    results: Results, output: Results, metrics: Metrics, progress: Progress
+) -> list[Method]:
+    """Write a results folder of the kept clips alone; raise BadData if there are none."""
+    protocol = results.protocol()
+    kept = [clip for clip, _ in results.clips()]
+    clips = [clip for clip in protocol["clips"] if clip in kept]
+    if not clips:
+        raise BadData(
+            f"{results.root} keeps no predictions: run it again with --keep N or --keep all"
+        )
+    protocol |= {
+        "clips": clips,
+        "metrics": metrics.about,
+        "versions": versions(),
+        "fingerprint": content_hash([protocol["fingerprint"], "rescored"]),
+        "rescored_from": str(results.root),
+    }
+    protocol["id"] = protocol_id(protocol)
+    output.write_protocol(protocol)
+    methods = results.methods()
+    for method in tracked(methods, len(methods), progress):
+        _rescore_method(results, output, method, metrics)
+    return output.methods()
+
+
+def _rescore_method(results: Results, output: Results, method: Method, metrics: Metrics) -> None:
+    """Copy and score the kept predictions of a method."""
+    name, protocol = method.name, output.protocol()
+    output.remove_method(name)
+    failures: dict[str, Sequence[str]] = {}
+    for part in results.parts(name):
+        failures |= part.failures
+    predicted = [clip for clip, _ in results.predictions(name)]
+    parts = []
+    for clip_name in (clip for clip in protocol["clips"] if clip in predicted):
+        clip = ScoredClip(results.clip(clip_name), protocol["num_past"])
+        prediction = results.prediction(name, clip_name)
+        output.write_clip(clip.clip)
+        output.write_prediction(name, clip_name, prediction)
+        usage = Usage()
+        with usage.measure("metrics"):
+            rows = score(clip, prediction, metrics)
+        part = Part(
+            clips=(clip_name,),
+            fingerprint=method.fingerprint,
+            metrics={},
+            seconds=dict(usage.seconds),
+            peak_memory_mb=0.0,
+            failures={key: failure for key, failure in failures.items() if key == clip_name},
+            facts={clip_name: clip.facts},
+        )
+        output.write_part(name, rows, part)
+        parts.append(part)
+    status = method.status
+    if status in ("done", "partial"):
+        status = "done" if len(parts) == len(protocol["clips"]) else "partial"
+    record = {**method.record, "status": status, "protocol_id": protocol["id"]}
+    output.write_method(name, record | totals(parts, ""))
+    output.merge(name)

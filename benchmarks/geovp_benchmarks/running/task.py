@@ -1,0 +1,197 @@
+"""Task of a run: predict a clip with several methods, and store the scores."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geovp_benchmarks.matrix.components import Failure, build, code_hash, on_device
+from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.progress import announce
+from geovp_benchmarks.results.store import Part, Results, Rows
+from geovp_benchmarks.running.profiling import Usage
+from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import Dataset
+from geovp_classic.predictors.copy_last import CopyLast
+from geovp_classic.predictors.geometric import GeometricPredictor, show
+from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
+
+
+@dataclass(frozen=True)
+class BuiltMatrix:
+    """Components of a matrix; a Failure replaces a component that cannot be built here."""
+
+    matrix: Matrix
+    dataset: Dataset
+    components: Mapping[tuple[str, str], Any]  # by role and name
+    metrics: Metrics
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """Return the names of all clips; read the clips if the data set does not list them."""
+        names = getattr(self.dataset, "clip_names", None)
+        if names is None:
+            names = [self.dataset[index].name for index in range(len(self.dataset))]
+        return tuple(names)
+
+    def clip(self, index: int, name: str) -> Clip:
+        """Read a clip; raise BadData for another name or length."""
+        clip = self.dataset[index]
+        length = self.matrix.num_past + self.matrix.num_future
+        if clip.name != name or len(clip) != length:
+            raise BadData(
+                f"clip {index} of the data set is {clip.name!r} with {len(clip)} frames, expected "
+                f"{name!r} with num_past + num_future = {length}"
+            )
+        return clip
+
+    def components_of(self, method: MethodPlan) -> dict[str, Any]:
+        """Return the components of a method by role."""
+        return {role: self.components[key] for role, key in method.components.items()}
+
+    def needs(self, method: MethodPlan) -> PrivilegedInput:
+        """Return the privileged inputs of a method."""
+        return _needs(self.components_of(method).values())
+
+    def code(self, method: MethodPlan) -> str:
+        """Return a hash of the sources that the scores of a method depend on."""
+        return code_hash(self.components_of(method).values())
+
+
+@functools.lru_cache(maxsize=1)
+def build_matrix(matrix_json: str) -> BuiltMatrix:
+    """Build all components once per process; raise an error for a wrong name or setting."""
+    matrix = Matrix.from_json(matrix_json)
+    with on_device(matrix.device):
+        components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
+        metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
+    buildable = [each for each in components.values() if not isinstance(each, Failure)]
+    return BuiltMatrix(matrix, matrix.build_dataset(_needs(buildable)), components, metrics)
+
+
+def _needs(components: Iterable[Any]) -> PrivilegedInput:
+    """Return all privileged inputs of components."""
+    needs = PrivilegedInput.NONE
+    for component in components:
+        needs |= component.needs
+    return needs
+
+
+class SharedSteps:
+    """Steps on one clip that several methods share; each method is charged their full cost."""
+
+    def __init__(self) -> None:
+        self.results: dict[Hashable, tuple[Any, Usage]] = {}
+
+    def get(self, step: Callable[[], Any], usage: Usage, stage: str, *key: Hashable) -> Any:
+        """Return the result of a step, which is computed once per stage and key."""
+        if (stage, *key) not in self.results:
+            cost = Usage()
+            with cost.measure(stage):
+                self.results[stage, *key] = step(), cost
+        result, cost = self.results[stage, *key]
+        usage.add(cost)
+        return result
+
+
+@dataclass(frozen=True)
+class Task:
+    """Clip and the methods that lack it, as data for any process."""
+
+    matrix: str  # Matrix.to_json
+    root: str
+    index: int  # in the data set
+    clip: str
+    fingerprints: Mapping[MethodPlan, str]
+    is_kept: bool = False  # whether the clip and its predictions are stored
+
+
+def compute(task: Task) -> Task:
+    """Predict and score a clip with each method, and write a score file per method."""
+    built, results = build_matrix(task.matrix), Results(Path(task.root))
+    clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
+    if task.is_kept:
+        results.write_clip(clip.clip)
+    shared = SharedSteps()
+    for method, fingerprint in task.fingerprints.items():
+        announce(f"{task.clip}, {method.label}")
+        code = built.code(method)
+        usage = Usage()
+        prediction, rows, failures = _evaluate(built, method, clip, shared, usage)
+        if task.is_kept:
+            results.write_prediction(method.name, task.clip, prediction)
+        part = Part(
+            clips=(task.clip,),
+            fingerprint=fingerprint,
+            metrics=built.metrics.described,
+            seconds=dict(usage.seconds),
+            peak_memory_mb=usage.peak_mb,
+            peak_is_own=usage.peak_mb > 0,
+            code=code,
+            failures=failures,
+            facts={task.clip: clip.facts},
+        )
+        results.write_part(method.name, rows, part)
+        announce(f"{task.clip}, {method.label}", done=1)
+    return task
+
+
+def _evaluate(
+    built: BuiltMatrix, method: MethodPlan, clip: ScoredClip, shared: SharedSteps, usage: Usage
+) -> tuple[Prediction, Rows, dict[str, tuple[str, ...]]]:
+    """Return a prediction, its scores, and the error if a copy of the last frame replaces it."""
+    context, _ = clip.clip.split(clip.num_past, built.needs(method))
+    scoring = Usage()  # its peak is the same for all methods
+    failures = {}
+    try:
+        prediction = _predict(built.components_of(method), method, context, clip, shared, usage)
+        with scoring.measure("metrics"):
+            rows = score(clip, prediction, built.metrics)
+    except Exception as error:  # of a component: the run continues
+        failures[clip.clip.name] = dataclasses.astuple(Failure.of(error))
+        prediction, rows = CopyLast().predict(context), Rows.of()
+        with suppress(Exception), scoring.measure("metrics"):
+            rows = score(clip, prediction, built.metrics)
+    usage.seconds.update(scoring.seconds)
+    return prediction, rows, failures
+
+
+def _predict(
+    components: Mapping[str, Any],
+    method: MethodPlan,
+    context: Context,
+    clip: ScoredClip,
+    shared: SharedSteps,
+    usage: Usage,
+) -> Prediction:
+    """Return the prediction of a method, from steps that other methods may have computed."""
+    num_samples = method.num_samples
+    if method.predictor is not None:
+        with usage.measure("predict"):
+            prediction: Prediction = components["predictor"].predict(context, num_samples)
+        return prediction
+    predictor = GeometricPredictor(**components)
+    observed = shared.get(lambda: predictor.observer.observe(clip.truth[0]), usage, "observe")
+    motion = shared.get(
+        lambda: predictor.estimate(observed, num_samples),
+        usage,
+        "motion",
+        method.pose_source,
+        num_samples,
+    )
+    past = motion.past
+    scene = shared.get(
+        lambda: predictor.reconstruct(observed, past),
+        usage,
+        "reconstruct",
+        method.renderer,
+        past.world_from_cam.tobytes(),
+        past.times_s.tobytes(),
+        past.is_metric,
+    )
+    with usage.measure("view"):
+        return show(scene, motion, context)
