@@ -3,7 +3,7 @@
 import ctypes
 import sys
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,12 +13,13 @@ class Usage:
     """Time and memory that work took; its stages follow one another."""
 
     def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()  # by stage
+        self.seconds: dict[str, float] = defaultdict(float)  # by stage
         self.peak_mb = 0.0  # MiB of the whole process, 0 if unknown
 
     def add(self, other: "Usage") -> None:
         """Add the time of other work, and take the higher peak."""
-        self.seconds.update(other.seconds)
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] += seconds
         self.peak_mb = max(self.peak_mb, other.peak_mb)
 
     @contextmanager

@@ -156,7 +156,7 @@ def _evaluate(
         prediction, rows = CopyLast().predict(context), Rows.of()
         with suppress(Exception), scoring.measure("metrics"):
             rows = score(clip, prediction, built.metrics)
-    usage.seconds.update(scoring.seconds)
+    usage.seconds["metrics"] = scoring.seconds["metrics"]
     return prediction, rows, failures
 
 
