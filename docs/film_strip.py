@@ -14,9 +14,7 @@ OUT = Path(__file__).parent / "images" / "street.jpg"
 
 
 def main() -> None:
-    """The real future beside what is predicted with true poses, with none, and by copying the last
-    frame.
-    """
+    """Draw the real future and predictions with true poses, without poses, and by copying."""
     clip = geovp.open_clip({"name": "synthetic", "num_clips": 8, "size_px": SIZE_PX}, CLIP)
     context, target = clip.split(10, ~geovp.PrivilegedInput.NONE)
     predictions = {
@@ -25,12 +23,7 @@ def main() -> None:
         "no true pose": geovp.predict(context.only(geovp.PrivilegedInput.CAMERA_HEIGHT)),
         "copied": geovp.build("predictors", "copy-last").predict(context),
     }
-    shown = [horizon - 1 for horizon in video.HORIZONS]
-    rows = [
-        (name, [context.frames[-1], *one.frames[0][shown]]) for name, one in predictions.items()
-    ]
-    labels = ["(last seen)", *(f"+{horizon / 10:.1f} s" for horizon in video.HORIZONS)]
-    sheet = video.strip(rows, labels)
+    sheet = video.film_strip({name: each.frames[0] for name, each in predictions.items()})
     OUT.write_bytes(
         cv2.imencode(
             ".jpg", np.ascontiguousarray(sheet[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88]

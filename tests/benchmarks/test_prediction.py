@@ -18,8 +18,8 @@ from geovp_benchmarks import cli
 from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.plots import video
-from geovp_benchmarks.predict import exports, plausibility, prediction, prediction_files, webcam
-from geovp_benchmarks.predict.prediction_request import PredictionRequest, check_memory, output_size
+from geovp_benchmarks.predict import exports, prediction, webcam
+from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -122,14 +122,12 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
 ) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
     request = PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
-    stages: list[int] = []
-    predicted = prediction.predict(request, lambda done, total: stages.append(done))
-    assert stages == [1, 2, 3, 4]
+    predicted = prediction.predict(request)
     assert predicted.first == len(street.clip()) - 8
-    assert predicted.actual is None
+    assert len(predicted.actual) == 0
     assert predicted.scores == {}
     assert not predicted.prediction.motion.past.is_metric
-    prediction_files.write(predicted, tmp_path / "new" / "out")
+    exports.write(predicted, tmp_path / "new" / "out")
     assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
 
 
@@ -138,7 +136,7 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     [
         (PINHOLE, "give --fps"),
         (f"{PINHOLE} --fps 10 --past 99", "99 must be seen"),
-        (f"{PINHOLE} --fps 10 --past 8 --first 7", "the last possible is"),
+        (f"{PINHOLE} --fps 10 --past 8 --first 7", "last possible --first is"),
         (f"{PINHOLE} --fps 0", "expected a number of at least 0.02"),
         (f"{PINHOLE} --fps 10 --fov 90", "keep one"),
         (f"{PINHOLE} --fps 10 --renderer depth-fushion", "did you mean 'depth-fusion'"),
@@ -169,19 +167,19 @@ def test_what_breaks_in_the_middle_leaves_nothing(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(exports, "write_ply", full)
+    monkeypatch.setattr(exports.video, "write_gif", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
     request = PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
-    predicted = prediction.predict(request, lambda done, total: None)
-    with pytest.raises(BadData, match="No space left on device"):
-        prediction_files.write(predicted, tmp_path / "out")
+    predicted = prediction.predict(request)
+    with pytest.raises(OSError, match="No space left on device"):
+        exports.write(predicted, tmp_path / "out")
     assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("options", "source", "focal_px"),
     [
-        (["--fov", "90"], "angle of view", 64.0),  # tan 45 degrees = 1: half the width of 128
+        (["--fov", "90"], "field of view", 64.0),  # tan 45 degrees = 1: half the width of 128
         (["--calibration", "camera.yaml"], "calibration file", 150.0),
     ],
 )
@@ -195,15 +193,15 @@ def test_a_camera_by_its_angle_or_its_file(
     given = ["predict", images, *options, "--fps", "10", "--out", tmp_path / "out", "--size", "64"]
     ended = command(*given, "--past", "4", "--future", "1")
     assert ended.code == 0
-    assert f"{source}, focal length {focal_px:.1f} px" in ended.err
+    assert f"({source}): focal length {focal_px:.1f} px" in ended.err
 
 
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
     request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
-    predicted = prediction.predict(request, lambda done, total: None)
+    predicted = prediction.predict(request)
     assert predicted.camera.source == "assumed"
     assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
-    assert any("70 degrees are assumed" in line for line in predicted.summary())
+    assert any("70 degrees are assumed" in line for line in predicted.warnings())
 
 
 @pytest.mark.parametrize(("cx_px", "angle_deg"), [(63.5, 0.0), (93.5, 11.3)])  # arctan(30 / 150)
@@ -213,11 +211,9 @@ def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     request = PredictionRequest(
         images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96
     )
-    predicted = prediction.predict(request, lambda done, total: None)
-    assert plausibility.off_axis_deg(predicted.prediction.motion) == pytest.approx(
-        angle_deg, abs=4.5
-    )
-    assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (
+    predicted = prediction.predict(request)
+    assert prediction.off_axis_deg(predicted.prediction.motion) == pytest.approx(angle_deg, abs=4.5)
+    assert any("the principal point is wrong" in warning for warning in predicted.warnings()) == (
         angle_deg > 6
     )
 
@@ -230,7 +226,7 @@ def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None
     request = PredictionRequest(
         tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=96
     )
-    predicted = prediction.predict(request, lambda done, total: None)
+    predicted = prediction.predict(request)
     assert predicted.about()["scene_mask_fraction"] == pytest.approx(20 / 128, abs=0.01)
     assert (
         np.abs(predicted.prediction.frames[..., -13:, :, :].astype(int) - (30, 40, 90)) <= 3
@@ -282,17 +278,6 @@ def test_frames_keep_the_aspect_unless_a_size_is_given(
     asked: int | tuple[int, int] | None, width_px: int, height_px: int, expected: tuple[int, int]
 ) -> None:
     assert output_size(asked, width_px, height_px) == expected
-
-
-def test_what_does_not_fit_into_memory_is_refused_before_any_work(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(plausibility, "free_memory_bytes", lambda: 4.0 * 2**30)
-    check_memory((640, 360), 10, 20)
-    with pytest.raises(BadData, match=r"30 frames of 4000x4000 take about .* 4.0 GiB are free"):
-        check_memory((4000, 4000), 10, 20)
-    monkeypatch.undo()
-    assert plausibility.free_memory_bytes() > 1e6
 
 
 def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command: Command) -> None:
@@ -361,7 +346,7 @@ def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
 
 def test_a_strip_has_rows_for_prediction_reality_and_copies() -> None:
     frames = np.full((20, 194, 640, 3), 90, np.uint8)
-    strip = video.strip(frames[0] + 50, frames, frames[:12])
+    strip = video.film_strip({"predicted": frames, "real": frames[:12], "copy-last": frames + 50})
     assert strip.shape[1] <= 1600
     left_px = [j * 267 + 100 for j in range(6)]  # of steps 1, 5, 9, 12, 16, 20; 263 px, gaps of 4
     rows = [strip[i * 106 + 60, left_px, 0].tolist() for i in range(3)]  # 80 px, 22 for labels
@@ -383,7 +368,7 @@ def test_a_slow_turn_is_no_sign_of_a_wrong_principal_point(
     poses = se3.inverse(lever) @ axle @ lever
     past = Trajectory(poses, times_s, is_metric=True)
     motion = Motion(past, poses[None], np.ones(10, bool))
-    assert plausibility.off_axis_deg(motion) == pytest.approx(unexplained_deg, abs=0.5)
+    assert prediction.off_axis_deg(motion) == pytest.approx(unexplained_deg, abs=0.5)
 
 
 class Webcam:

@@ -115,12 +115,13 @@ def _new_folder(wanted: Path) -> Path:
 
 def run(args: argparse.Namespace) -> int:
     """Predict, write all files and print their paths."""
-    from geovp_benchmarks.predict import prediction, prediction_files
-    from geovp_benchmarks.predict.prediction_request import PredictionRequest
+    from geovp_benchmarks.predict import exports, prediction
+    from geovp_benchmarks.predict.request import PredictionRequest
+    from geovp_benchmarks.progress import announce
     from geovp_classic import registry
 
     if args.out is not None:
-        prediction_files.check_free(args.out)
+        exports.check_free(args.out)
     fields = {
         field.name: getattr(args, field.name) for field in dataclasses.fields(PredictionRequest)
     }
@@ -130,12 +131,12 @@ def run(args: argparse.Namespace) -> int:
     }
     request = PredictionRequest(**{**fields, **numbers})
     with progress_bar("predict", "stages") as progress:
-        predicted = prediction.predict(request, progress)
+        progress(0, 6)
+        predicted = prediction.predict(request)
+        announce("writing files", 1)
         name = f"{args.path.resolve().stem}-{predicted.first:06d}"
-        written = prediction_files.write(
-            predicted, args.out or _new_folder(Path("results/predict") / name)
-        )
-        progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
+        folder = args.out or _new_folder(Path("results/predict") / name)
+        written = exports.write(predicted, folder)
     if args.amount != "quiet":
         print(*predicted.summary(), sep="\n", file=sys.stderr)
     if not any(path.suffix == ".mp4" for path in written):

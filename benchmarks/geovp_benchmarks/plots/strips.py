@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from geovp_benchmarks.plots import style
-from geovp_benchmarks.plots.video import mosaic
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 INPAINTED = (214, 39, 160)  # a colour that streets do not have
@@ -71,6 +70,19 @@ def draw(
         text = f"{label}\n{strip.note}".strip()
         axes.text(*place, text, ha="right", va="center", fontsize=font_pt, linespacing=1.05)
     return figure
+
+
+def mosaic(rows: Sequence[Sequence[ByteArray]], gap_px: int, label_px: int = 0) -> ByteArray:
+    """Return one white image [H, W, 3] of rows of frames of one size."""
+    height_px, width_px = rows[0][0].shape[:2]
+    right_px, down_px = width_px + gap_px, height_px + gap_px + label_px
+    size_px = len(rows) * down_px - gap_px, max(map(len, rows)) * right_px - gap_px
+    sheet = np.full((*size_px, 3), 255, np.uint8)
+    for i, row in enumerate(rows):
+        for j, frame in enumerate(row):
+            top_px, left_px = i * down_px + label_px, j * right_px
+            sheet[top_px : top_px + height_px, left_px : left_px + width_px] = frame
+    return sheet
 
 
 def mark_inpainted(strip: Strip) -> Strip:

@@ -1,4 +1,4 @@
-"""The next frames of a webcam as a recording."""
+"""Recording from a webcam."""
 
 import time
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from geovp_classic.types import ByteArray, Intrinsics
 
 
 @dataclass(frozen=True)
-class HeldFrames:
-    """Frames in memory."""
+class FramesInMemory:
+    """A FrameReader of frames in memory."""
 
-    frames: tuple[ByteArray, ...]
+    frames: list[ByteArray]
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -27,25 +27,23 @@ class HeldFrames:
 
 def record(number: int, num_frames: int, min_step_s: float = 0.08) -> Recording:
     """Record frames of a webcam with their times, at most every min_step_s; BadData without it."""
-    capture, frames, times_s = cv2.VideoCapture(number), list[ByteArray](), list[float]()
+    capture = cv2.VideoCapture(number)
+    frames: list[ByteArray] = []
+    times_s: list[float] = []
     try:
         while len(frames) < num_frames:
-            good, image = capture.read()
-            if not good or image is None:
+            is_read, image = capture.read()
+            if not is_read:
                 raise BadData(
-                    f"webcam {number} gives no frames: plug it in, or give a video or a folder "
-                    "of images"
+                    f"webcam {number} gives no frames: connect it, or give a video or a folder"
                 )
             now_s = time.monotonic()
             if not times_s or now_s - times_s[-1] >= min_step_s:
-                frames.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8))
+                frames.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))
                 times_s.append(now_s)
     finally:
         capture.release()
     height_px, width_px = frames[0].shape[:2]
-    unknown = Intrinsics(
-        width_px, width_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
-    )
-    return Recording(
-        f"webcam-{number}", HeldFrames(tuple(frames)), np.array(times_s) - times_s[0], unknown
-    )
+    unknown = Intrinsics(width_px, width_px, 0.0, 0.0, width_px, height_px)
+    times = np.array(times_s) - times_s[0]
+    return Recording(f"webcam-{number}", FramesInMemory(frames), times, unknown)
