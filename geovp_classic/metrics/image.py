@@ -49,20 +49,21 @@ class MaskedMetric(ABC):
         """Return the scores [F] for each mask; frames are compared once for all masks."""
         for mask in masks:
             check_frames(predicted, target, mask)
-        if min(target.shape[1:3]) < self.min_size_px:
+        shape = target.shape[:3]
+        if min(shape[1:]) < self.min_size_px:
             raise BadData(
                 f"{type(self).__name__} of frames of shape {target.shape[1:]}, expected at least "
                 f"{self.min_size_px}x{self.min_size_px} pixels: use larger frames"
             )
-        shape = target.shape[:3]
-        stacked = np.array(
-            [np.ones(shape, bool) if mask is None else mask for mask in masks]
+        full = np.ones(shape, bool)
+        stacked = np.stack(
+            [full if mask is None else mask for mask in masks], axis=1
         )
-        scores = [
-            self.score_frame(predicted[step], target[step], stacked[:, step])
-            for step in range(len(target))
-        ]
-        return list(np.stack(scores, axis=-1))
+        return list(
+            np.stack(
+                list(map(self.score_frame, predicted, target, stacked)), axis=-1
+            )
+        )
 
     @abstractmethod
     def score_frame(
@@ -93,12 +94,8 @@ class Psnr(MaskedMetric):
     @property
     def protocol(self) -> str:
         """Return the definition in words."""
-        channels = (
-            "RGB jointly"
-            if self.channels == "jointly"
-            else "mean over R, G and B"
-        )
-        return f"{channels}, 8 bit, per frame"
+        texts = {"jointly": "RGB jointly", "each": "mean over R, G and B"}
+        return f"{texts[self.channels]}, 8 bit, per frame"
 
     def score_frame(
         self, predicted: ByteArray, target: ByteArray, masks: BoolArray
@@ -107,9 +104,7 @@ class Psnr(MaskedMetric):
         squares = np.square(predicted.astype(np.int32) - target)
         if self.channels == "jointly":
             squares = squares.mean(axis=-1, keepdims=True)
-        errors = np.array(
-            [masked_mean(squares, mask) for mask in masks]
-        )  # [M, channels]
+        errors = masked_means(squares, masks)  # [M, channels]
         with np.errstate(divide="ignore"):
             decibels = 10.0 * np.log10(255.0**2 / errors)
         return np.minimum(decibels, self.ceiling_db).mean(axis=-1)
@@ -157,13 +152,13 @@ class Ssim(MaskedMetric):
         self, predicted: ByteArray, target: ByteArray, masks: BoolArray
     ) -> FloatArray:
         """Return the similarity under each mask (Wang et al. 2004, eq. 13)."""
+        is_gaussian = self.window == "gaussian"
         radius = self.min_size_px // 2
         if self.border == "zero":
             margins = ((radius, radius), (radius, radius), (0, 0))
             predicted = np.pad(predicted, margins)
             target = np.pad(target, margins)
             masks = np.pad(masks, ((0, 0), *margins[:2]))
-        is_gaussian = self.window == "gaussian"
         _, similarity = structural_similarity(
             predicted,
             target,
@@ -174,35 +169,31 @@ class Ssim(MaskedMetric):
             use_sample_covariance=not is_gaussian,
             full=True,
         )
-        valid = np.s_[radius:-radius, radius:-radius]
-        means = similarity[valid].mean(axis=-1)
-        return np.array([masked_mean(means, mask[valid]) for mask in masks])
+        valid = slice(radius, -radius)
+        means = similarity[valid, valid].mean(axis=-1)
+        return masked_means(means, masks[:, valid, valid])
 
 
 def check_frames(
     predicted: ByteArray, target: ByteArray, mask: BoolArray | None
 ) -> None:
     """Raise BadData unless frames are uint8 [F, H, W, 3] of one shape and the mask fits."""
+    shape = target.shape[:3]
     for name, frames in (("predicted", predicted), ("target", target)):
-        if frames.dtype != np.uint8 or frames.shape != (*target.shape[:3], 3):
+        if frames.dtype != np.uint8 or frames.shape != (*shape, 3):
             raise BadData(
-                f"metric: {name} frames are {frames.dtype} of shape {frames.shape}, expected "
-                f"uint8 [F, H, W, 3] like the target's {target.shape}"
+                f"metric: {name} frames are {frames.dtype} of shape {frames.shape}, expected uint8 "
+                f"[F, H, W, 3] like the target's {target.shape}"
             )
-    if mask is not None and (
-        mask.dtype != np.bool_ or mask.shape != target.shape[:3]
-    ):
+    if mask is not None and (mask.dtype != bool or mask.shape != shape):
         raise BadData(
-            f"metric: mask is {mask.dtype} of shape {mask.shape}, expected bool of shape "
-            f"{target.shape[:3]}"
+            f"metric: mask is {mask.dtype} of shape {mask.shape}, expected bool of shape {shape}"
         )
 
 
-def masked_mean(values: FloatArray, mask: BoolArray) -> FloatArray:
-    """Return the mean of values [H, W, ...] over a mask [H, W]; NaN for an empty mask."""
-    selected = values[mask]
-    return (
-        selected.mean(axis=0)
-        if len(selected)
-        else np.full(values.shape[2:], np.nan)
-    )
+def masked_means(values: FloatArray, masks: BoolArray) -> FloatArray:
+    """Return the means of values [H, W, ...] over masks [M, H, W]; NaN for an empty mask."""
+    with np.errstate(invalid="ignore"):
+        return np.stack(
+            [values[mask].sum(axis=0) / mask.sum() for mask in masks]
+        )

@@ -9,8 +9,6 @@ import numpy as np
 from geovp_classic.metrics.image import MaskedMetric
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
-INSIDE = np.s_[5:-5, 5:-5]  # windows of 11 pixels inside the image
-
 
 @dataclass(frozen=True)
 class MsSsim(MaskedMetric):
@@ -46,23 +44,22 @@ class MsSsim(MaskedMetric):
         self, predicted: ByteArray, target: ByteArray, masks: BoolArray
     ) -> FloatArray:
         """Return the similarity, 0 to 1, under each mask."""
+        scores = np.ones((len(masks), 3))
         p: FloatArray = predicted / 255.0
         t: FloatArray = target / 255.0
-        weights: FloatArray = np.moveaxis(masks, 0, -1).astype(
-            np.float64
-        )  # [H, W, M]
-        scores = np.ones((len(masks), 3))
+        weights: FloatArray = np.moveaxis(masks, 0, -1) * 1.0  # [H, W, M]
         for exponent in self.exponents:
-            structure, luminance = _compare(p, t)
-            terms = (
-                structure * luminance
-                if exponent == self.exponents[-1]
-                else structure
-            )
-            scores *= (
-                np.maximum(_weighted_mean(terms, weights), 0.0) ** exponent
-            )
-            p, t, weights = (_halved(image) for image in (p, t, weights))
+            terms, luminance = _compare(p, t)
+            if exponent == self.exponents[-1]:
+                terms *= luminance
+            inner = weights[5:-5, 5:-5]
+            with np.errstate(invalid="ignore"):  # NaN where all weights are 0
+                means = (
+                    np.einsum("hwc,hwm->mc", terms, inner)
+                    / inner.sum(axis=(0, 1))[:, None]
+                )
+            scores *= np.maximum(means, 0.0) ** exponent
+            p, t, weights = _halved(p), _halved(t), _halved(weights)
         return scores.mean(axis=-1)
 
 
@@ -80,30 +77,16 @@ def _compare(p: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _blurred(image: FloatArray) -> FloatArray:
-    """Return the Gaussian means of the windows inside the image."""
-    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), dtype=np.float64)[
-        INSIDE
-    ]
-
-
-def _weighted_mean(
-    terms: FloatArray,  # [H - 10, W - 10, 3]
-    weights: FloatArray,  # [H, W, M]
-) -> FloatArray:
-    """Return the means [M, 3] over the windows; NaN where all weights are 0."""
-    inner = weights[INSIDE]
-    with np.errstate(invalid="ignore"):
-        return (
-            np.einsum("hwc,hwm->mc", terms, inner)
-            / inner.sum(axis=(0, 1))[:, None]
-        )
+    """Return the Gaussian means of the windows of 11 pixels inside the image."""
+    return np.asarray(
+        cv2.GaussianBlur(image, (11, 11), 1.5)[5:-5, 5:-5], np.float64
+    )
 
 
 def _halved(image: FloatArray) -> FloatArray:
     """Return the means over 2x2 pixels of [H, W, C]."""
-    height_px, width_px, _ = image.shape
+    height_px, width_px, channels = image.shape
     even = np.pad(
         image, ((0, height_px % 2), (0, width_px % 2), (0, 0)), mode="edge"
     )
-    rows = (even[::2] + even[1::2]) / 2
-    return (rows[:, ::2] + rows[:, 1::2]) / 2
+    return even.reshape(len(even) // 2, 2, -1, 2, channels).mean(axis=(1, 3))

@@ -67,24 +67,22 @@ def kitti_drift(
     frames_between_starts: int = 10,
 ) -> Drift:
     """Return the error of the relative motion over segments of the truth, per metre of segment."""
+    _check_lengths(estimate, truth)
     steps_m = np.linalg.norm(
         np.diff(truth.world_from_cam[:, :3, 3], axis=0), axis=-1
     )
     distance_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     starts = np.arange(0, len(truth), frames_between_starts)
-    translations = []
-    rotations_rad = []
+    errors = []
     for length_m in lengths_m:
         # the first frame farther than the length
         ends = np.searchsorted(
             distance_m, distance_m[starts] + length_m, side="right"
         )
         has_end = ends < len(truth)
-        error = _motion_error(estimate, truth, starts[has_end], ends[has_end])
-        translations.append(np.linalg.norm(error[:, :3, 3], axis=-1) / length_m)
-        rotations_rad.append(se3.rotation_angle_rad(error) / length_m)
-    translation = np.concatenate(translations)
-    rotation_deg = np.rad2deg(np.concatenate(rotations_rad))
+        error = _motion_errors(estimate, truth, starts[has_end], ends[has_end])
+        errors.append(np.array(error) / length_m)
+    translation, rotation_deg = np.concatenate(errors, axis=1)
     if len(translation) == 0:
         return Drift(np.nan, np.nan, 0)
     return Drift(
@@ -107,15 +105,13 @@ def relative_error(
     Translation is in the truth's unit, rotation in degrees. Raises BadData if the trajectories
     differ in length or have no such step.
     """
+    _check_lengths(estimate, truth)
     if not 1 <= num_steps < len(truth):
         raise BadData(
             f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}"
         )
     start = np.arange(len(truth) - num_steps)
-    error = _motion_error(estimate, truth, start, start + num_steps)
-    return np.linalg.norm(error[:, :3, 3], axis=-1), np.rad2deg(
-        se3.rotation_angle_rad(error)
-    )
+    return _motion_errors(estimate, truth, start, start + num_steps)
 
 
 def root_mean_square(values: FloatArray) -> float:
@@ -123,16 +119,17 @@ def root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _motion_error(
+def _motion_errors(
     estimate: Trajectory, truth: Trajectory, start: IntArray, end: IntArray
-) -> FloatArray:
-    """Return inverse(estimated motion) @ real motion from start to end [N, 4, 4]."""
-    _check_lengths(estimate, truth)
+) -> tuple[FloatArray, FloatArray]:
+    """Return translation and rotation in degrees [N] between estimated and real motion."""
     estimated, real = (
         se3.inverse(path.world_from_cam[start]) @ path.world_from_cam[end]
         for path in (estimate, truth)
     )
-    return se3.inverse(estimated) @ real
+    error = se3.inverse(estimated) @ real
+    rotation_deg = np.rad2deg(se3.rotation_angle_rad(error))
+    return np.linalg.norm(error[:, :3, 3], axis=-1), rotation_deg
 
 
 def _check_lengths(estimate: Trajectory, truth: Trajectory) -> None:

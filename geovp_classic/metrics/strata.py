@@ -35,35 +35,33 @@ def strata(
     if (
         past is None
         or future is None
-        or context.past_depths is None
-        or target.depths is None
+        or not (past.is_metric and future.is_metric)
     ):
         return {}
-    if not (past.is_metric and future.is_metric):
+    if context.past_depths is None or target.depths is None:
         return {}
     observed = _inverse(context.past_depths)
     inverse_depths = _inverse(target.depths)
-    static = np.ones(inverse_depths.shape, dtype=bool)
-    if target.moving is not None:
-        static = ~target.moving
+    moving = target.moving
+    static = np.ones(inverse_depths.shape, bool) if moving is None else ~moving
     comparable = static & np.isfinite(inverse_depths)
-    seen = np.zeros_like(static)
+    hidden = comparable.copy()
+    rays = pinhole.rays(context.intrinsics)
     for step, world_from_cam in enumerate(future.world_from_cam):
+        pending = hidden[step]
         past_from_cam = se3.inverse(past.world_from_cam) @ world_from_cam
-        pending = comparable[step].copy()
         for cam_from_cam, image in zip(past_from_cam, observed, strict=True):
             pending[pending] = ~_is_visible(
-                pinhole.rays(context.intrinsics)[pending],
+                rays[pending],
                 inverse_depths[step][pending],
                 cam_from_cam,
                 image,
                 context.intrinsics,
                 tolerance,
             )
-        seen[step] = comparable[step] & ~pending
-    masks = {"seen": seen, "disoccluded": comparable & ~seen}
-    if target.moving is not None:
-        masks |= {"static": static, "moving": np.array(target.moving)}
+    masks = {"seen": comparable & ~hidden, "disoccluded": hidden}
+    if moving is not None:
+        masks |= {"static": static, "moving": moving.copy()}
     return masks
 
 

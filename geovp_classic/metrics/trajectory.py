@@ -7,6 +7,7 @@ for the whole future returns it at the last step and NaN before.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,11 +18,25 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 
-class _Error:
-    """A number that is best at 0."""
+class _Error(ABC):
+    """A number that is best at 0; errors in metres are NaN unless both trajectories have metres."""
 
+    unit: ClassVar[str]
     higher_is_better: ClassVar[bool] = False
     bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
+
+    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+        """Return the error at each step [F]."""
+        _check_instants(predicted, target)
+        if self.unit == "m" and not (predicted.is_metric and target.is_metric):
+            return np.full(len(target), np.nan)
+        return self.errors(
+            se3.inverse(target.world_from_cam) @ predicted.world_from_cam
+        )
+
+    @abstractmethod
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
+        """Return the error at each step [F] from predicted in real cameras' frames [F, 4, 4]."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +45,9 @@ class TranslationError(_Error):
 
     unit: ClassVar[str] = "m"
 
-    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return metres per step [F]."""
-        _check_instants(predicted, target)
-        if not (predicted.is_metric and target.is_metric):
-            return np.full(len(target), np.nan)
-        offset = (
-            predicted.world_from_cam[:, :3, 3] - target.world_from_cam[:, :3, 3]
-        )
-        return np.linalg.norm(offset, axis=-1)
+        return np.linalg.norm(target_from_predicted[:, :3, 3], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -48,11 +57,9 @@ class RotationError(_Error):
     unit: ClassVar[str] = "deg"
     bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
-    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return degrees per step [F], 0 to 180."""
-        return np.rad2deg(
-            se3.rotation_angle_rad(_target_from_predicted(predicted, target))
-        )
+        return np.rad2deg(se3.rotation_angle_rad(target_from_predicted))
 
 
 @dataclass(frozen=True)
@@ -62,39 +69,42 @@ class YawError(RotationError):
     This part of the rotation error shifts a street view sideways, a pixel per 1 / fx radians.
     """
 
-    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return degrees per step [F], 0 to 180."""
-        forward = _target_from_predicted(predicted, target)[:, :3, 2]
-        return np.abs(np.rad2deg(np.arctan2(forward[:, 0], forward[:, 2])))
+        x, _, z = target_from_predicted[:, :3, 2].T
+        return np.abs(np.rad2deg(np.arctan2(x, z)))
 
 
 @dataclass(frozen=True)
 class AverageDisplacement(TranslationError):
     """ADE: mean translation error of all steps, returned at the last step."""
 
-    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return metres [F], NaN before the last step."""
-        return _at_last_step(
-            len(target), super().__call__(predicted, target).mean()
-        )
+        distances = super().errors(target_from_predicted)
+        distances[-1] = distances.mean()
+        distances[:-1] = np.nan
+        return distances
 
 
 @dataclass(frozen=True)
 class FinalDisplacement(TranslationError):
     """FDE: translation error of the last step, returned there."""
 
-    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+    def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return metres [F], NaN before the last step."""
-        return _at_last_step(
-            len(target), super().__call__(predicted, target)[-1]
-        )
+        distances = super().errors(target_from_predicted)
+        distances[:-1] = np.nan
+        return distances
 
 
 @dataclass(frozen=True)
-class ScaleUncertainty(_Error):
+class ScaleUncertainty:
     """Relative standard deviation of the predictor's metres; 0 for given metres."""
 
     unit: ClassVar[str] = "%"
+    higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return per cent [F], the same at all steps; NaN without metres."""
@@ -116,18 +126,6 @@ def relative_to_last_observed(
         past.is_metric,
         past.scale_uncertainty,
     )
-
-
-def _target_from_predicted(
-    predicted: Trajectory, target: Trajectory
-) -> FloatArray:
-    """Return the predicted cameras in the real cameras' frames [F, 4, 4]."""
-    _check_instants(predicted, target)
-    return se3.inverse(target.world_from_cam) @ predicted.world_from_cam
-
-
-def _at_last_step(num_future: int, value: float) -> FloatArray:
-    return np.append(np.full(num_future - 1, np.nan), value)
 
 
 def _check_instants(predicted: Trajectory, target: Trajectory) -> None:
