@@ -185,20 +185,12 @@ class Context(ShortRepr):
         """Return the context with only some of the observed frames, by a mask [P]."""
         if mask.all():
             return self
-        times_s = self.times_s[
-            np.append(mask, np.ones(self.num_future, dtype=bool))
-        ]
-        return replace(
-            self,
-            frames=take(self.frames, mask),
-            times_s=times_s,
-            past=take(self.past, mask),
-            past_depths=take(self.past_depths, mask),
-            full=take(self.full, mask),
-            right=take(self.right, mask),
-            observations=take(self.observations, mask),
-            full_observations=take(self.full_observations, mask),
-        )
+        future = np.ones(self.num_future, dtype=bool)
+        arrays = {"times_s": self.times_s[np.append(mask, future)]}
+        fields = ("frames", "past", "past_depths", "full", "right")
+        for field in (*fields, "observations", "full_observations"):
+            arrays[field] = take(getattr(self, field), mask)
+        return replace(self, **arrays)
 
     def only(self, needs: PrivilegedInput) -> Context:
         """Return the context with these privileged inputs alone."""
