@@ -1,5 +1,8 @@
 """Exceptions; a message states what was given, what was expected and what to do."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class GeovpError(Exception):
     """Base of all errors that a user can correct; the command line prints them in one line."""
@@ -19,3 +22,11 @@ class UnknownComponent(GeovpError):
 
 class MissingExtra(GeovpError):
     """Registered component with a requirement that is not installed or not on disk."""
+
+
+def nearest(word: str, words: Iterable[str]) -> str:
+    """Return the end of a message: the nearest of the words, or all of them."""
+    words = sorted(words)
+    if close := difflib.get_close_matches(word, words, n=1, cutoff=0.5):
+        return f": did you mean {close[0]!r}?"
+    return f": known are {', '.join(words) or 'none'}"

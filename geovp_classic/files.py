@@ -19,7 +19,6 @@ import numpy.typing as npt
 from geovp_classic.errors import BadData
 
 MIB = 2**20
-SUMS = "SHA256SUMS"
 
 
 @contextlib.contextmanager
@@ -130,17 +129,14 @@ def finite_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 def _check_sum(path: Path, file: io.BufferedIOBase) -> None:
     """Raise BadData if SHA256SUMS beside the file lists another digest."""
-    sums = path.with_name(SUMS)
-    if path.name == SUMS or not sums.is_file():
+    sums = path.with_name("SHA256SUMS")
+    if path == sums or not sums.is_file():
         return
     expected = _digests(sums, sums.stat().st_mtime_ns).get(path.name)
-    if (
-        expected is not None
-        and hashlib.file_digest(file, "sha256").hexdigest() != expected
-    ):
+    if expected not in (None, hashlib.file_digest(file, "sha256").hexdigest()):
         raise BadData(
-            f"{path} does not match {SUMS} beside it, so it was damaged or edited: restore it, or "
-            f"write {SUMS} again"
+            f"{path} does not match SHA256SUMS beside it, so it was damaged or edited: restore "
+            "it, or write SHA256SUMS again"
         )
 
 

@@ -6,11 +6,10 @@ Components register under entry-point groups `geovp.<role>` and are imported on 
 import contextlib
 import contextvars
 import dataclasses
-import difflib
 import functools
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, Union
@@ -22,6 +21,7 @@ from geovp_classic.errors import (
     MissingExtra,
     UnknownComponent,
 )
+from geovp_classic.errors import nearest as nearest
 
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
@@ -125,27 +125,34 @@ def construct(
     an unknown field, and BadData for a missing field or a value of another type.
     """
     name = name or kind.__name__
-    hints = _field_types(kind)
-    overridden = {
-        key: value for key, value in _defaults.get({}).items() if key in hints
+    if not dataclasses.is_dataclass(kind):
+        raise BadData(
+            f"{name} is not a dataclass: a component's fields are its settings"
+        )
+    hints = typing.get_type_hints(kind)
+    fields = {
+        field.name: field for field in dataclasses.fields(kind) if field.init
     }
-    fields = {}
-    for key, value in (overridden | dict(settings)).items():
-        if key not in hints:
+    values = {
+        key: value for key, value in _defaults.get({}).items() if key in fields
+    }
+    values |= settings
+    for key, value in values.items():
+        if key not in fields:
             raise UnknownComponent(
-                f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}"
+                f"{where}: {name!r} has no field {key!r}{nearest(key, fields)}"
             )
-        fields[key] = _value(value, hints[key], f"{where}.{key}")
-    for field in dataclasses.fields(kind):
+        values[key] = _value(value, hints[key], f"{where}.{key}")
+    for key, field in fields.items():
         is_required = (
             field.default is field.default_factory is dataclasses.MISSING
         )
-        if field.name in hints and field.name not in fields and is_required:
+        if key not in values and is_required:
             raise BadData(
-                f"{where}: {name!r} needs the field {field.name!r}: add it to the table"
+                f"{where}: {name!r} needs the field {key!r}: add it to the table"
             )
     try:
-        return kind(**fields)
+        return kind(**values)
     except GeovpError as error:
         raise type(error)(f"{where}: {error}") from error
 
@@ -168,15 +175,6 @@ def name_of(component: Any) -> str:
     )
 
 
-def nearest(word: str, words: Iterable[str]) -> str:
-    """Return the end of a message: the nearest of the words, or all of them."""
-    words = sorted(words)
-    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
-    if close:
-        return f": did you mean {close[0]!r}?"
-    return f": known are {', '.join(words) or 'none'}"
-
-
 @functools.cache
 def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
@@ -185,19 +183,6 @@ def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
         )
     group = metadata.entry_points(group=f"geovp.{role}")
     return {entry_point.name: entry_point for entry_point in group}
-
-
-def _field_types(kind: type) -> dict[str, Any]:
-    if not dataclasses.is_dataclass(kind):
-        raise BadData(
-            f"{kind.__name__} is not a dataclass: a component's fields are its settings"
-        )
-    hints = typing.get_type_hints(kind)
-    return {
-        field.name: hints[field.name]
-        for field in dataclasses.fields(kind)
-        if field.init
-    }
 
 
 def _settings(component: Any) -> dict[str, Any]:
@@ -224,17 +209,38 @@ def _plain(value: Any) -> Any:
 
 
 def _value(value: Any, kind: Any, where: str) -> Any:
-    """Return a TOML value as a field's type; raise BadData if it is of another type."""
+    """Return a TOML value as a field's type; raise BadData if it is of another type.
+
+    Of several types, the first that accepts it counts.
+    """
     origin = typing.get_origin(kind)
     options = typing.get_args(kind)
     if origin in (Union, types.UnionType):
-        return _union(value, options, where)
-    if origin is Literal and value not in options:
-        raise BadData(
-            f"{where} is {value!r}{nearest(str(value), map(str, options))}"
+        *others, last = (
+            option for option in options if option is not types.NoneType
         )
+        if value == NONE and types.NoneType in options:
+            return None
+        for option in others:
+            with contextlib.suppress(BadData):
+                return _value(value, option, where)
+        return _value(value, last, where)
+    if origin is Literal:
+        if value not in options:
+            raise BadData(
+                f"{where} is {value!r}{nearest(str(value), map(str, options))}"
+            )
+        return value
     if origin is tuple and isinstance(value, (list, tuple)):
-        return _tuple(value, options, where)
+        kinds = options[:1] * len(value) if options[-1] is Ellipsis else options
+        if len(value) != len(kinds):
+            raise BadData(
+                f"{where} has {len(value)} values, expected {len(kinds)}"
+            )
+        items = enumerate(zip(value, kinds, strict=True))
+        return tuple(
+            _value(item, kind, f"{where}[{i}]") for i, (item, kind) in items
+        )
     for role, protocol in PROTOCOL_OF_ROLE.items():
         if kind is protocol:
             return build(role, value, where)
@@ -244,7 +250,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         return Path(value).expanduser()
     if kind is float and type(value) is int:
         return float(value)
-    if origin is Literal or type(value) is kind:
+    if type(value) is kind:
         return value
     texts = {
         float: "a number",
@@ -254,29 +260,4 @@ def _value(value: Any, kind: Any, where: str) -> Any:
     }
     raise BadData(
         f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}"
-    )
-
-
-def _union(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
-    """Return the value as the first of several types that accepts it."""
-    if value == NONE and types.NoneType in kinds:
-        return None
-    *others, last = (kind for kind in kinds if kind is not types.NoneType)
-    for kind in others:
-        with contextlib.suppress(BadData):
-            return _value(value, kind, where)
-    return _value(value, last, where)
-
-
-def _tuple(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
-    if kinds[-1] is Ellipsis:
-        kinds = kinds[:1] * len(values)
-    if len(values) != len(kinds):
-        raise BadData(
-            f"{where} has {len(values)} values, expected {len(kinds)}"
-        )
-    items = zip(values, kinds, strict=True)
-    return tuple(
-        _value(item, kind, f"{where}[{i}]")
-        for i, (item, kind) in enumerate(items)
     )

@@ -3,7 +3,6 @@
 A split file holds `ranges = ["06", "03[180:360)"]` and may say `about = "..."`.
 """
 
-import difflib
 import hashlib
 import tomllib
 from collections.abc import Iterable
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from geovp_classic import files
 from geovp_classic.data.windows import FrameRange
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, nearest
 
 
 def names() -> list[str]:
@@ -21,15 +20,12 @@ def names() -> list[str]:
 
 def load(name: str) -> tuple[FrameRange, ...]:
     """Return the ranges of a named split, or of a file if the name ends in .toml."""
+    path = _folder() / f"{name}.toml"
     if name.endswith(".toml"):
         path = Path(name).expanduser()
-    elif name in names():
-        path = _folder() / f"{name}.toml"
-    else:
-        close = difflib.get_close_matches(name, names(), n=1, cutoff=0.5)
-        others = f"known are {', '.join(names())}, or give a .toml file"
-        hint = f"did you mean {close[0]!r}?" if close else others
-        raise BadData(f"no split is called {name!r}: {hint}")
+    elif name not in names():
+        message = f"no split is called {name!r}{nearest(name, names())}"
+        raise BadData(f"{message} (or give a .toml file)")
     text = files.read_text(path)
     try:
         table = tomllib.loads(text)
@@ -47,7 +43,7 @@ def load(name: str) -> tuple[FrameRange, ...]:
             f'{path} holds {list(table)}: expected ranges = ["06", "03[180:360)"], a list of '
             'sequences or frame ranges, and perhaps about = "..."'
         )
-    return tuple(FrameRange.parse(text) for text in ranges)
+    return tuple(map(FrameRange.parse, ranges))
 
 
 def content_hash(ranges: Iterable[FrameRange]) -> str:
