@@ -38,7 +38,6 @@ RADTAN = (
 )
 MODELS = dict.fromkeys(RADTAN, "FULL_OPENCV")
 MODELS |= {"equidistant": "OPENCV_FISHEYE", "fisheye": "OPENCV_FISHEYE"}
-Projection = tuple[tuple[float, float, float, float], FloatArray]
 
 
 def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
@@ -58,9 +57,9 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
             name = next(
                 (name for name in names if f"{name}:" in text), names[0]
             )
-            numbers = read_projection(path, name, RAISE)
-            assert numbers is not None
-            camera = DistortedCamera(Intrinsics(*numbers[0], *size_px))
+            projection = read_projection(path, name, size_px, RAISE)
+            assert projection is not None
+            camera = projection[0]
         else:
             camera = _camera_of_colmap(text)
     except Exception as problem:  # the file may hold anything
@@ -103,29 +102,32 @@ def exif_focal_px(
 
 def read_entry(
     path: Path, name: str, count: int, findings: Findings
-) -> FloatArray | None:
-    """Read the numbers of the line `name: ...` in one of KITTI's files; None with a finding."""
+) -> FloatArray:
+    """Read the numbers of the line `name: ...` in one of KITTI's files; NaN with a finding.
+
+    A line without a colon has the name "".
+    """
     for line, text in findings.lines(path):
-        key, _, numbers = text.partition(":")
+        key, _, numbers = text.rpartition(":")
         if key == name:
             with findings.catch(path, line):
                 return parse_numbers(numbers.split(), count)
-            return None
-    findings.add(path, f"has no line '{name}:'")
-    return None
+            break
+    else:
+        findings.add(path, f"has no line '{name}:'")
+    return np.full(count, np.nan)
 
 
 def read_projection(
-    path: Path, name: str, findings: Findings
-) -> Projection | None:
+    path: Path, name: str, size_px: Size, findings: Findings
+) -> tuple[DistortedCamera, FloatArray] | None:
     """Read the projection K [I | t] of a rectified camera in one of KITTI's files.
 
-    Return fx, fy, cx, cy in pixels, and cam_from_cam0 [4, 4]; None with a finding.
+    Return the camera, and cam_from_cam0 [4, 4]; None with a finding.
     """
-    numbers = read_entry(path, name, 12, findings)
-    if numbers is None:
+    projection = read_entry(path, name, 12, findings).reshape(3, 4)
+    if np.isnan(projection).any():
         return None
-    projection = numbers.reshape(3, 4)
     (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
     camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
@@ -136,7 +138,8 @@ def read_projection(
         )
         return None
     translation = np.linalg.solve(camera_matrix, projection[:, 3])
-    return (fx, fy, cx, cy), se3.compose(np.eye(3), translation)
+    camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, *size_px))
+    return camera, se3.compose(np.eye(3), translation)
 
 
 def load_yaml(text: str) -> Mapping[str, Any]:

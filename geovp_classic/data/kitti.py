@@ -15,17 +15,15 @@ import numpy as np
 from geovp_classic.data import pose_files, splits
 from geovp_classic.data.calibration_files import (
     KITTI_CAMERAS,
-    Projection,
     read_projection,
 )
 from geovp_classic.data.findings import RAISE, Findings
 from geovp_classic.data.frames import Load, image_size, numbered_images
 from geovp_classic.data.sequences import PosedSequences, Scan
-from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.data.windows import FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -79,25 +77,19 @@ class Kitti(PosedSequences):
         `folder` is root/sequences/NN; the poses are root/poses/NN.txt, if there are any.
         """
         images = numbered_images(folder / f"image_{camera}", findings)
-        projection = read_projection(
-            folder / "calib.txt", f"P{camera}", findings
-        )
         times = folder / "times.txt"
-        times_s = pose_files.read_times(times, findings)
-        times_s = per_frame(times, times_s, images, findings)
         path = folder.parents[1] / "poses" / f"{folder.name}.txt"
         poses = None
         if path.exists():
-            indices, poses = pose_files.read_kitti(path, findings)
-            if indices is not None:
-                missing = np.setdiff1d(np.arange(len(images)), indices)
-                if len(missing):
-                    findings.add(
-                        path,
-                        f"expected a pose of every frame, {missing} have none",
-                    )
-            poses = per_frame(path, poses, images, findings)
-        return rectified(images, times_s, projection, poses, findings)
+            poses = per_frame(
+                path, pose_files.read_kitti(path, findings), images, findings
+            )
+        times_s = per_frame(
+            times, pose_files.read_times(times, findings), images, findings
+        )
+        return rectified(
+            images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
+        )
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence with each of its cameras."""
@@ -164,27 +156,25 @@ def per_frame(
 
 def rectified(
     images: tuple[Path, ...],  # N
+    calibration: Path,
+    name: str,  # of the projection
     times_s: FloatArray,  # [N]
-    projection: Projection | None,
     world_from_cam0: FloatArray | None,  # [N, 4, 4]
     findings: Findings,
 ) -> Scan:
-    """Return the scan of a rectified camera from its projection and the poses of camera 0."""
-    if projection is not None and images:
-        with findings.catch(images[0]):
-            numbers, cam_from_cam0 = projection
-            camera = DistortedCamera(
-                Intrinsics(*numbers, *image_size(images[0]))
-            )
-            world_from_cam = None
-            if world_from_cam0 is not None:
-                world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)
-            cameras = (camera,) * len(images)
-            return Scan(
-                images,
-                times_s,
-                cameras,
-                world_from_cam,
-                cam_from_rig=cam_from_cam0,
-            )
-    return Scan(images, times_s)
+    """Return the scan of a rectified camera from its calibration and the poses of camera 0."""
+    size_px = (1, 1)
+    for path in images[:1]:
+        with findings.catch(path):
+            size_px = image_size(path)
+    projection = read_projection(calibration, name, size_px, findings)
+    if projection is None or size_px == (1, 1):
+        return Scan(images, times_s)
+    camera, cam_from_cam0 = projection
+    world_from_cam = None
+    if world_from_cam0 is not None:
+        world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)
+    cameras = (camera,) * len(images)
+    return Scan(
+        images, times_s, cameras, world_from_cam, cam_from_rig=cam_from_cam0
+    )

@@ -6,6 +6,7 @@ by its folder's name without `_sync`. Its world is the local Mercator plane of i
 east, y north, z up.
 """
 
+import contextlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.data import kitti, pose_files
-from geovp_classic.data.calibration_files import read_entry, read_projection
-from geovp_classic.data.findings import Findings, parse_numbers
+from geovp_classic.data.calibration_files import read_entry
+from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import numbered_images
 from geovp_classic.data.kitti import Kitti
 from geovp_classic.data.sequences import Scan
@@ -60,7 +61,6 @@ class KittiRaw(Kitti):
         """
         images = numbered_images(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
-        projection = read_projection(calibration, f"P_rect_0{camera}", findings)
         path = folder / f"image_0{camera}" / "timestamps.txt"
         times_s = kitti.per_frame(
             path, read_timestamps(path, findings), images, findings
@@ -68,18 +68,17 @@ class KittiRaw(Kitti):
         poses = None
         if (folder / "oxts").is_dir():
             poses = _read_poses(folder, len(images), findings)
-        scan = kitti.rectified(images, times_s, projection, poses, findings)
+        name = f"P_rect_0{camera}"
+        scan = kitti.rectified(
+            images, calibration, name, times_s, poses, findings
+        )
         size_px = read_entry(calibration, f"S_rect_0{camera}", 2, findings)
-        if (
-            scan.cameras
-            and size_px is not None
-            and scan.cameras[0].size_px != tuple(size_px)
-        ):
-            width_px, height_px = scan.cameras[0].size_px
+        stored_px = scan.cameras[0].size_px if scan.cameras else size_px
+        if (np.abs(size_px - stored_px) > 0).any():
             findings.add(
                 calibration,
                 f"S_rect_0{camera} is {size_px[0]:g}x{size_px[1]:g}, the images are "
-                f"{width_px}x{height_px}: scale S_rect and P_rect as the images were",
+                f"{stored_px[0]}x{stored_px[1]}: scale S_rect and P_rect as the images were",
             )
         return scan
 
@@ -88,11 +87,9 @@ def read_timestamps(path: Path, findings: Findings) -> FloatArray:
     """Read the times [N] in seconds since the first."""
 
     def parse_line(text: str) -> tuple[np.datetime64, None]:
-        try:
+        with contextlib.suppress(ValueError):
             if re.fullmatch(r"[\d-]+ [\d:.]+", text):
                 return np.datetime64(text.replace(" ", "T"), "ns"), None
-        except ValueError:
-            pass
         raise BadData(
             f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
         )
@@ -105,31 +102,46 @@ def read_timestamps(path: Path, findings: Findings) -> FloatArray:
 def _read_poses(
     folder: Path, num_frames: int, findings: Findings
 ) -> FloatArray | None:
-    """Read world_from_cam0 [N, 4, 4], NaN for frames without a good reading.
+    """Read world_from_cam0 [N, 4, 4]; None with a finding.
 
-    A reading has 30 numbers: latitude, longitude (degrees), altitude (m), roll, pitch and yaw
-    (rad) come first.
+    The calibration states velo_from_imu, cam_from_velo and the rotation of the rectification. A
+    reading has 30 numbers: latitude, longitude (degrees), altitude (m), roll, pitch and yaw (rad)
+    come first.
     """
-    cam0_from_imu = _read_cam0_from_imu(folder.parent, findings)
-    readings = np.full((num_frames, 30), np.nan)
+    date = folder.parent
+    cam0_from_imu: FloatArray = np.eye(4)
+    for name in ("imu_to_velo", "velo_to_cam", "cam_to_cam"):
+        path = date / f"calib_{name}.txt"
+        is_last = name == "cam_to_cam"  # the rotation of the rectification
+        rotation = read_entry(
+            path, "R_rect_00" if is_last else "R", 9, findings
+        )
+        translation = (
+            np.zeros(3) if is_last else read_entry(path, "T", 3, findings)
+        )
+        cam0_from_imu = (
+            se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
+        )
+    readings = np.empty((num_frames, 30))
     for number in range(num_frames):
-        path = folder / "oxts" / "data" / f"{number:010d}.txt"
-        for line, text in findings.lines(path)[:1]:
-            with findings.catch(path, line):
-                reading = parse_numbers(text.split(), 30)
-                if abs(reading[0]) >= 90:
-                    raise BadData(
-                        f"latitude {reading[0]:g}, expected -90 to 90 degrees"
-                    )
-                readings[number] = reading
-    good = np.isfinite(readings[:, 0])
-    if cam0_from_imu is None or not good.any():
-        return None
-    world_from_cam0 = np.full((num_frames, 4, 4), np.nan)
-    world_from_cam0[good] = mercator_poses(readings[good]) @ se3.inverse(
-        cam0_from_imu
-    )
-    return world_from_cam0
+        path = folder / f"oxts/data/{number:010d}.txt"
+        readings[number] = read_entry(path, "", 30, findings)
+        if abs(readings[number, 0]) >= 90:
+            message = (
+                f"latitude {readings[number, 0]:g}, expected -90 to 90 degrees"
+            )
+            findings.add(path, message, 1)
+    if (
+        num_frames
+        and np.isfinite(readings).all()
+        and np.isfinite(cam0_from_imu).all()
+    ):
+        with findings.catch(date):
+            cam0_from_imu = se3.orthonormalised(
+                cam0_from_imu, pose_files.ROTATION_TOLERANCE
+            )
+            return mercator_poses(readings) @ se3.inverse(cam0_from_imu)
+    return None
 
 
 def mercator_poses(
@@ -151,29 +163,3 @@ def mercator_poses(
     position = np.stack([east_m, north_m, readings[:, 2]], axis=-1)
     rotation = Rotation.from_euler("ZYX", readings[:, [5, 4, 3]]).as_matrix()
     return se3.compose(rotation, position - position[0])
-
-
-def _read_cam0_from_imu(date: Path, findings: Findings) -> FloatArray | None:
-    """Read cam0_from_imu [4, 4] of a date, camera 0 being the rectified one.
-
-    The calibration states velo_from_imu, cam_from_velo and the rotation of the rectification.
-    """
-    cam0_from_imu = np.eye(4)
-    for file, rotation_name, translation_name in (
-        ("calib_imu_to_velo.txt", "R", "T"),
-        ("calib_velo_to_cam.txt", "R", "T"),
-        ("calib_cam_to_cam.txt", "R_rect_00", None),
-    ):
-        path = date / file
-        rotation = read_entry(path, rotation_name, 9, findings)
-        translation: FloatArray | None = np.zeros(3)
-        if translation_name:
-            translation = read_entry(path, translation_name, 3, findings)
-        if rotation is None or translation is None:
-            return None
-        cam0_from_imu = (
-            se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
-        )
-    with findings.catch(date):
-        return se3.orthonormalised(cam0_from_imu, pose_files.ROTATION_TOLERANCE)
-    return None

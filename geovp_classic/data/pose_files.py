@@ -6,6 +6,7 @@ skipped. Functions raise BadData for the first bad line, or add a finding for ea
 `findings` that they are given and return NaN in its place.
 """
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,12 +24,9 @@ ROTATION_TOLERANCE = (
 )
 
 
-def read_kitti(
-    path: Path, findings: Findings = RAISE
-) -> tuple[FloatArray | None, FloatArray]:
-    """Read frame indices [N], None if the lines hold 12 numbers, and world_from_cam [N, 4, 4]."""
-    indices, world_from_cam = _read(path, (12, 13), _pose_of_matrix, findings)
-    return (None if np.isnan(indices).all() else indices), world_from_cam
+def read_kitti(path: Path, findings: Findings = RAISE) -> FloatArray:
+    """Read world_from_cam [N, 4, 4] of frames 0, 1, ..., N - 1."""
+    return _read(path, (12, 13), _pose_of_matrix, findings)[1]
 
 
 def read_tum(
@@ -79,23 +77,16 @@ def read_trajectory(
     if has_times(path):
         times_s, world_from_cam = read_tum(path)
         return Trajectory(world_from_cam, times_s, is_metric)
-    indices, world_from_cam = read_kitti(path)
+    world_from_cam = read_kitti(path)
     if times_s is None:
         raise BadData(
             f"{path} is in KITTI's format, which has no times: give those of all frames"
         )
-    numbers = (
-        np.arange(len(times_s)) if indices is None else indices.astype(int)
-    )
-    if len(numbers) != len(world_from_cam):
+    if len(times_s) != len(world_from_cam):
         raise BadData(
             f"{path}: {len(world_from_cam)} poses for {len(times_s)} frames, expected one each"
         )
-    if numbers[-1] >= len(times_s):
-        raise BadData(
-            f"{path}: a pose of frame {numbers[-1]}, but frames end at {len(times_s) - 1}"
-        )
-    return Trajectory(world_from_cam, times_s[numbers], is_metric)
+    return Trajectory(world_from_cam, times_s, is_metric)
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
@@ -127,12 +118,16 @@ def _read(
     The first line tells which of `counts` all lines must hold.
     """
     expected = counts
+    numbers_of_frames = itertools.count()
 
     def parse_line(text: str) -> tuple[float, FloatArray]:
         nonlocal expected
+        frame = next(numbers_of_frames)
         numbers = parse_numbers(text.split(separator), *expected)
         expected = (len(numbers),)
-        return np.nan if len(numbers) == 12 else numbers[0], pose_of(numbers)
+        if len(numbers) == 13 and numbers[0] != frame:
+            raise BadData(f"frame index {numbers[0]:g}, expected {frame}")
+        return frame if len(numbers) == 12 else numbers[0], pose_of(numbers)
 
     missing = np.nan, np.full((4, 4), np.nan)
     keys, poses = findings.parse(path, parse_line, missing)
@@ -140,11 +135,7 @@ def _read(
 
 
 def _pose_of_matrix(numbers: FloatArray) -> FloatArray:
-    """Convert the rows of a matrix [12], or a frame index and these [13], to a pose."""
-    if len(numbers) == 13 and (numbers[0] < 0 or numbers[0] % 1):
-        raise BadData(
-            f"frame index {numbers[0]:g}, expected a whole number from 0"
-        )
+    """Convert the rows of a matrix, which may follow a frame index [12 or 13], to a pose."""
     matrix = numbers[-12:].reshape(3, 4)
     pose = se3.compose(matrix[:, :3], matrix[:, 3])
     return se3.orthonormalised(pose, ROTATION_TOLERANCE)

@@ -103,7 +103,7 @@ def _read_tum(path: Path, ahead_s: FloatArray) -> FloatArray:
 
 def _read_kitti(path: Path, num_future: int) -> FloatArray:
     """Return last_from_cam [F, 4, 4] of a file with one pose per frame."""
-    _, poses = pose_files.read_kitti(path)
+    poses = pose_files.read_kitti(path)
     if len(poses) != num_future + 1:
         raise BadData(
             f"{path}: {len(poses)} poses, expected {num_future + 1}: the last observed frame's and "

@@ -459,6 +459,6 @@ def test_frames_and_poses_are_numbered_as_in_the_recording(written: Path) -> Non
     assert names["seen"] == [f"{n:06d}.png" for n in range(8)]
     assert names["frames"] == [f"{n:06d}.png" for n in range(8, 11)]
     stamped = pose_files.read_trajectory(written / "poses.tum.txt")
-    _, plain = pose_files.read_kitti(written / "poses.kitti.txt")
+    plain = pose_files.read_kitti(written / "poses.kitti.txt")
     np.testing.assert_allclose(stamped.times_s, 0.1 * np.arange(11), atol=1e-9)
     np.testing.assert_allclose(stamped.world_from_cam, plain, atol=1e-6)

@@ -27,7 +27,7 @@ def test_files_figure_and_drift_of_a_short_stretch(
     ]  # ten metres have no segment of 100 m
     assert float(by_alignment["sim3"][4]) < 0.5  # ATE in metres over about ten metres
     name = "07-000002-000012"
-    _, poses = pose_files.read_kitti(tmp_path / f"{name}.kitti.txt")
+    poses = pose_files.read_kitti(tmp_path / f"{name}.kitti.txt")
     stamped = pose_files.read_trajectory(tmp_path / f"{name}.tum.txt")
     assert len(poses) == len(stamped) == 10
     np.testing.assert_allclose(stamped.world_from_cam, poses, atol=1e-6)
