@@ -7,11 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_benchmarks.analysis.intervals import Interval, interval
-from geovp_benchmarks.fitting import network_training
-from geovp_benchmarks.fitting.network_training import Schedule
 from geovp_benchmarks.progress import Progress
 from geovp_classic.forecasting import motion_network
-from geovp_classic.forecasting.motion_network import MIRRORED_TWIST, Standardisation
+from geovp_classic.forecasting.motion_network import MIRRORED_TWIST
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import FloatArray
 from studies.foreseeable.windows import LONG_STEPS, MIRRORED, SHORT_STEPS, Windows
@@ -29,8 +27,14 @@ class Ridge:
 
     def fit(self, twists: FloatArray, truth: FloatArray) -> Answer:
         """By pasts [N, P, 6] and deviations [N, H, 6] in root mean squares."""
-        inputs = Standardisation.of(_features(twists, self.num_steps))
-        own = inputs(_features(twists, self.num_steps)).astype(np.float64)
+        features = _features(twists, self.num_steps)
+        mean = features.mean(axis=0)
+        deviation = features.std(axis=0) + 1e-6
+
+        def inputs(new: FloatArray) -> FloatArray:
+            return np.clip((new - mean) / deviation, -8.0, 8.0)
+
+        own = inputs(features)
         matrix = own.T @ own + self.weight * len(own) * np.eye(own.shape[1])
         factors = np.linalg.solve(matrix, own.T @ truth.reshape(len(own), -1))
         return lambda new: (inputs(_features(new, self.num_steps)) @ factors).reshape(
@@ -50,30 +54,24 @@ class SmallNetwork:
 
     def fit(self, twists: FloatArray, truth: FloatArray) -> Answer:
         """By pasts [N, P, 6] and deviations [N, H, 6] in root mean squares."""
-        rng = np.random.default_rng(self.seed)
-        inputs = Standardisation.of(_features(twists, self.num_steps), 4.0)
-        own, targets = (
-            inputs(_features(twists, self.num_steps)),
-            truth.reshape(len(truth), -1).astype(np.float32),
+        from studies.fitting.motion_prior import Ensemble  # needs torch
+
+        features = _features(twists, self.num_steps)
+        targets = truth.reshape(len(truth), -1)
+        ensemble = Ensemble(
+            self.num_members,
+            self.width,
+            num_steps=max(10, int(self.epochs * len(features) / 256)),
+            weight_decay=0.05,
+            dropout=0.2,
+            limit=4.0,
+            seed=self.seed,
         )
-        schedule = Schedule(
-            max(1, int(self.epochs * len(own) / 256)), weight_decay=0.05, dropout=0.2
+        network = ensemble.fit(
+            features, targets, targets.shape[1], lambda outputs, target: (outputs - target) ** 2
         )
-
-        def batch() -> tuple[FloatArray, FloatArray]:
-            chosen = rng.integers(0, len(own), (self.num_members, schedule.batch_size))
-            return own[chosen], targets[chosen]
-
-        def gradient(outputs: FloatArray, target: FloatArray) -> FloatArray:
-            return (2 * (outputs - target) / outputs.shape[1]).astype(np.float32)
-
-        sizes = (own.shape[1], self.width, self.width, targets.shape[1])
-        start = network_training.initialised(sizes, self.num_members, rng)
-        network = network_training.train(start, batch, gradient, schedule, rng)
         return lambda new: (
-            network(inputs(_features(new, self.num_steps)))
-            .mean(0)
-            .reshape(len(new), *truth.shape[1:])
+            network(_features(new, self.num_steps)).mean(axis=0).reshape(len(new), *truth.shape[1:])
         )
 
 

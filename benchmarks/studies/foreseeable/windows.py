@@ -11,9 +11,6 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
-from geovp_benchmarks.fitting.plausibility import Drivability
-from geovp_benchmarks.fitting.prior import along_path
-from geovp_benchmarks.fitting.training_windows import STEP_S
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
@@ -23,6 +20,7 @@ from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, FloatArray, Trajectory
+from studies.fitting.windows import STEP_S, along_path, drivable_steps
 
 COMPONENTS = ("along", "across", "height", "pitch", "roll", "yaw")  # metres and radians
 MIRRORED = np.array(
@@ -67,7 +65,7 @@ def read(
     for number, (name, recorded) in enumerate(sequences.items()):
         progress(number, len(sequences))
         usable, shaken = (
-            Drivability().steps(recorded),
+            drivable_steps(recorded),
             with_noise(recorded, pose_noise(recorded), number),
         )
         for last in range(LONG_STEPS + 1, len(recorded) - HORIZONS[-1], stride):

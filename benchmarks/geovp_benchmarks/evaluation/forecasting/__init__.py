@@ -1,29 +1,24 @@
-"""Measure forecasters on pose files alone, and fit their constants."""
+"""Measure forecasters on pose files alone."""
 
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
 
 from geovp_benchmarks.arguments import add_json, figure_file
 from geovp_benchmarks.progress import Progress
 
-TRAIN, VAL, TEST = (
-    "00 02 08 09",
-    "01 04",
-    "03 05 06 07 10",
-)  # of KITTI odometry, as in DeepVO's paper
+TEST = "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verbs `evaluate` and `fit-...`; each sets `lines`, a function with the arguments of
+    """The verbs `evaluate` and `best-of`; each sets `lines`, a function with the arguments of
     `run`.
     """
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     evaluate = verbs.add_parser(
         "evaluate", help="all forecasters on windows of pose files, as a table"
     )
-    _add_input(evaluate, TEST)
+    _add_input(evaluate)
     evaluate.add_argument(
         "--num-past", type=int, default=10, metavar="N", help="poses that a forecaster sees (10)"
     )
@@ -35,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     evaluate.add_argument("--only", nargs="+", metavar="METHOD", help="only these methods")
     evaluate.add_argument(
-        "--coefficients", type=Path, metavar="FILE", help="a motion prior of fit-prior (packaged)"
+        "--coefficients", type=Path, metavar="FILE", help="a fitted motion prior (packaged)"
     )
     evaluate.add_argument(
         "--noise",
@@ -58,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     best = verbs.add_parser(
         "best-of", help="the nearest of a few futures, drawn and representative, as a table"
     )
-    _add_input(best, TEST)
+    _add_input(best)
     best.add_argument(
         "--stride",
         type=int,
@@ -75,33 +70,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="futures (1 5 10 20)",
     )
     best.set_defaults(lines=_best_of)
-    kalman = verbs.add_parser(
-        "fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood"
-    )
-    prior = verbs.add_parser("fit-prior", help="the motion prior")
-    body = verbs.add_parser("fit-body-motion", help="heave, pitch and roll over the plane")
-    for fit, lines in ((kalman, _fit_kalman), (prior, _fit_prior), (body, _fit_body_motion)):
-        _add_input(fit, TRAIN)
-        fit.add_argument(
-            "--out", type=Path, required=True, metavar="FILE", help="the file to write"
-        )
-        fit.set_defaults(lines=lines)
-    speeds = verbs.add_parser(
-        "fit-speeds", help="driving speeds, for clips in which no road is found"
-    )
-    _add_input(speeds, TRAIN)
-    speeds.add_argument(
-        "--others", nargs="*", default=VAL.split(), metavar="NN", help="count for the spread alone"
-    )
-    speeds.set_defaults(lines=_fit_speeds)
-    for verb in (prior, body):
-        verb.add_argument(
-            "--calibrate",
-            nargs="*",
-            default=VAL.split(),
-            metavar="NN",
-            help="only the regions' size is set on these",
-        )
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
@@ -109,7 +77,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     yield from chosen.lines(chosen, progress)
 
 
-def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
+def _add_input(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "poses",
         type=Path,
@@ -117,7 +85,7 @@ def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
         help="NN.txt, times in NN_times.txt or ../sequences",
     )
     verb.add_argument(
-        "--sequences", nargs="+", default=names.split(), metavar="NN", help=f"sequences ({names})"
+        "--sequences", nargs="+", default=TEST.split(), metavar="NN", help=f"sequences ({TEST})"
     )
 
 
@@ -168,62 +136,3 @@ def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     yield f"{len(flat)} windows of {', '.join(chosen.sequences)}"
     table = best_of.errors(flat, best_of.forecasters(), chosen.counts, progress)
     yield from best_of.as_lines(table, chosen.counts, names)
-
-
-def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.evaluation.forecasting.evaluation import read_windows
-    from geovp_benchmarks.fitting import kalman_noise
-    from geovp_classic.forecasting import kalman
-
-    windows = read_windows(chosen.poses, chosen.sequences, stride=200)
-    fitted = {}
-    names = get_args(kalman.Constants)
-    for done, name in enumerate(names):
-        progress(done, len(names))
-        fitted[name] = kalman_noise.NoiseFit().fit(windows, kalman.fitted(name))
-        yield f"{name}: {fitted[name]}"
-    progress(len(names), len(names))
-    chosen.out.write_text(kalman_noise.as_toml(fitted), encoding="utf-8")
-    yield f"written to {chosen.out}"
-
-
-def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    import numpy as np
-
-    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
-    from geovp_benchmarks.fitting import prior
-
-    train, others = (
-        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
-    )
-    coefficients = prior.PriorFit().fit(train, others, progress)
-    with chosen.out.open("wb") as stream:
-        np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
-    yield f"written to {chosen.out}"
-
-
-def _fit_speeds(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
-    from geovp_classic.odometry import speed_prior
-
-    drives, others = (
-        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.others)
-    )
-    found = speed_prior.fit(drives, others)
-    yield f"median_m_s = {found.median_m_s:.1f}"
-    yield f"spread = {found.spread:.2f}"
-
-
-def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    import numpy as np
-
-    from geovp_benchmarks.evaluation.forecasting.evaluation import read_sequences
-    from geovp_benchmarks.fitting import body_motion
-
-    train, others = (
-        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
-    )
-    coefficients = body_motion.BodyMotionFit().fit(train, others)
-    with chosen.out.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **body_motion.packed(coefficients))
-    yield f"written to {chosen.out}"
