@@ -26,7 +26,7 @@ CLASSIC_LAYERS = [
     {"api"},
 ]
 BENCHMARK_LAYERS = [
-    {"progress"},
+    {"progress", "fitting"},
     {"results"},
     {"matrix", "analysis"},
     {"arguments", "tables"},

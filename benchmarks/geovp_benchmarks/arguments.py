@@ -122,18 +122,14 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_method(parser: argparse.ArgumentParser, out: str) -> None:
-    """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """Add a method of a matrix, and the clips that it is evaluated on."""
     add_matrix(parser, "a matrix file, or a built-in one's name; its metrics are measured")
-    help_text = 'the method, as in tables: "vo+prior + fusion" (needed where there are several)'
-    parser.add_argument("--method", metavar="METHOD", help=help_text)
-    parser.add_argument(
-        "--root", type=Path, metavar="DIR", help="the data's root, in place of the file's"
-    )
-    parser.add_argument(
-        "--stride", type=positive, metavar="N", help="frames between two clips' starts"
-    )
-    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
-    parser.add_argument(
-        "--out", type=Path, default=Path(out), metavar="DIR", help=f"where figures go ({out})"
-    )
+    text = 'Method, such as "vo+prior + fusion". Default: the only one.'
+    parser.add_argument("--method", metavar="METHOD", help=text)
+    text = "Root of the data set. Default: that of the matrix."
+    parser.add_argument("--root", type=Path, metavar="DIR", help=text)
+    text = "Frames between the starts of two clips. Default: that of the matrix."
+    parser.add_argument("--stride", type=positive, metavar="N", help=text)
+    text = "Number of clips. Default: all."
+    parser.add_argument("--limit", type=positive, metavar="N", help=text)

@@ -160,7 +160,7 @@ class TestCheck:
 
 @pytest.mark.parametrize(
     ("words", "names"),
-    [([], cli.VERBS), (["forecast"], ("evaluate", "best-of"))],
+    [([], cli.VERBS), (["forecast"], ("evaluate",))],
 )
 def test_help_names_everything_and_imports_nothing_heavy(
     words: list[str], names: tuple[str, ...]

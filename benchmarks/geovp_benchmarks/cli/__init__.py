@@ -3,7 +3,7 @@ answers at once.
 
 A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns the exit code: 0
 when all was done, 1 when some of it failed or was skipped, 2 for bad input, with one sentence that
-says what to do. Modules of `geovp_benchmarks.evaluation` and `studies` yield lines instead.
+says what to do. Modules of `studies` yield lines instead.
 """
 
 import argparse
@@ -38,15 +38,8 @@ VERBS: tuple[str, ...] = (
     "poses",
     "forecast",
     "budget",
-    "sensitivity",
 )
 VERBS += ("view", "metrics", "verify", "data", "list", "check")
-EVALUATIONS = {  # verbs that yield lines
-    "poses": "odometry",
-    "forecast": "forecasting",
-    "budget": "budget",
-    "sensitivity": "sensitivity",
-}
 AMOUNTS = (
     ("q", "quiet", "say nothing but errors and results"),
     ("v", "verbose", "log what is done, with the tracebacks of what failed"),
@@ -138,8 +131,6 @@ def command_line() -> ModuleParser:
     parser.add_argument("--version", action=PrintVersion, help="print the version and exit")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
     modules = {verb: f"geovp_benchmarks.cli.{verb}" for verb in VERBS}
-    for verb, name in EVALUATIONS.items():
-        modules[verb] = f"geovp_benchmarks.evaluation.{name}"
     add_modules(parser, modules, "VERB")
     return parser
 

@@ -1,27 +1,27 @@
-"""Robustness: the gain over copy-last on clips with 24 corruptions of four severities.
+"""Gain over copy-last on clips with 24 corruptions of four severities.
 
-A row per corruption and severity, a column per pose source and renderer (after Hendrycks &
-Dietterich 2019). Values are mean PSNR over steps and clips, minus that of the corrupted last frame,
-copied; `--plot` draws them as curves. Lasting corruptions (noise, dimming, a hood, a lorry ahead)
-also apply to the real future; transient ones (a black frame, a swap) do not. `<` marks values more
-than LIMIT_DB below copying, `-` clips that could not be predicted.
+The study follows Hendrycks & Dietterich 2019: a row per corruption and severity, a column per pose
+source and renderer. Values are the mean PSNR over steps and clips, minus that of copying the
+corrupted last frame. Lasting corruptions (noise, a hood) also apply to the real future; transient
+ones (a black frame) do not. Pose sources: recorded poses (true), odometry with the motion prior
+(vo), both refined. Renderers: depth fusion of the crop and of the full frames, and planes.
 """
 
 import argparse
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.arguments import figure_file, positive
-from geovp_benchmarks.evaluation.budget.scores import SCORED_STEPS
-from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
-from geovp_classic.interfaces import PoseSource, Renderer
 from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.source import Source, resampled
@@ -35,212 +35,148 @@ from geovp_classic.types import (
     PrivilegedInput,
     Target,
 )
-from studies.ablation import NUM_PAST, STRETCHES, dataset_specs
-from studies.corruption.kinds import (
-    CORRUPTIONS,
-    NUM_SEVERITIES,
-    Corruption,
-    Severity,
-)
+from studies.ablation import NUM_PAST, SCORED_STEPS, STRETCHES, datasets
+from studies.corruption.figure import corruption_figure
+from studies.corruption.kinds import CORRUPTIONS, Corruption
 
-LIMIT_DB = 0.5
+Methods = Mapping[str, GeometricPredictor]
 
 
-def columns() -> dict[str, tuple[Any, Any]]:
-    """Pose source and renderer of each column."""
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the clips, the corruptions and the figure."""
+    parser.add_argument(
+        "root", type=Path, metavar="ROOT", help="Folder laid out as KITTI odometry."
+    )
+    parser.add_argument(
+        "frames",
+        nargs="*",
+        default=STRETCHES[:2],
+        metavar="FRAMES",
+        help=f"Sequences or stretches of them. Default: {' '.join(STRETCHES[:2])}.",
+    )
+    parser.add_argument(
+        "--stride",
+        type=positive,
+        default=60,
+        metavar="N",
+        help="Frames between the starts of two clips. Default: 60.",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=list(CORRUPTIONS),
+        metavar="NAME",
+        help="Names of the corruptions. Default: all.",
+    )
+    parser.add_argument(
+        "--plot", type=figure_file, metavar="FILE", help="File for curves: png, pdf or svg."
+    )
+
+
+def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Yield a Markdown table; draw the curves."""
+    for name in args.only:
+        if name not in CORRUPTIONS:
+            nearest = registry.nearest(name, CORRUPTIONS)
+            raise BadData(f"no corruption is called {name!r}{nearest}")
+    clips = [
+        dataset[index]
+        for dataset in datasets(args.root, args.frames, args.stride, with_full=True)
+        for index in range(len(dataset))
+    ]
+    compared = methods()
+    tasks = [
+        (name, severity) for name in args.only for severity in range(CORRUPTIONS[name].severities)
+    ]
+    gains: dict[str, list[FloatArray]] = {name: [] for name in args.only}
+    for name, severity in tracked(tasks, len(tasks), progress):
+        of_clips = [gains_db(clip, CORRUPTIONS[name], severity, compared) for clip in clips]
+        gains[name].append(mean_over_clips(np.array(of_clips)))
+    values = np.concatenate(list(gains.values()))
+    yield f"{len(clips)} clips of {', '.join(args.frames)}; dB over copying the last frame"
+    num_below = (values < -0.5).sum()
+    yield f"{num_below} of {values.size} values below -0.5 dB, minimum {np.nanmin(values):.1f} dB"
+    yield ""
+    lines = [
+        [f"{name} {severity + 1}", *(f"{value:.1f}" for value in gains[name][severity])]
+        for name, severity in tasks
+    ]
+    yield from grid([["corruption, severity", *compared], *lines])
+    if args.plot is not None:
+        corruption_figure(gains, list(compared)).savefig(args.plot)
+
+
+def methods() -> dict[str, GeometricPredictor]:
+    """Return all pose sources with all renderers; the first word names the pose source."""
     sources = {"true": {"name": "ground-truth"}, "vo": {"name": "chained"}}
-    renderers: dict[str, dict[str, Any]] = {
+    renderers = {
         "crop": {"name": "depth-fusion"},
         "full": {"name": "depth-fusion", "frames": "full"},
         "plane": {"name": "ground-far-plane"},
     }
     return {
-        f"{source} {renderer}": (
-            registry.build("pose_sources", {"name": "refined", "source": spec}),
+        f"{source} {renderer}": GeometricPredictor(
+            registry.build("pose_sources", {"name": "refined", "source": sources[source]}),
             registry.build("renderers", renderers[renderer]),
         )
-        for source, spec in sources.items()
+        for source in sources
         for renderer in renderers
     }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the data is, and what of it."""
-    parser.add_argument(
-        "root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry"
-    )
-    parser.add_argument(
-        "frames", nargs="*", default=STRETCHES[:2], metavar="FRAMES", help="stretches of sequences"
-    )
-    parser.add_argument(
-        "--stride", type=positive, default=60, metavar="N", help="frames between clips' starts (60)"
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="NAME",
-        help="only these corruptions, by the words of the table",
-    )
-    parser.add_argument(
-        "--plot", type=figure_file, metavar="FILE", help="draw curves, as png, pdf or svg"
-    )
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE", help="write the page; what is under its Notes stays"
-    )
+def gains_db(clip: Clip, corruption: Corruption, severity: int, compared: Methods) -> FloatArray:
+    """Return the gain [M] of each method over copying the last frame; NaN if it failed.
 
-
-def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    """The table."""
-    names = chosen.only or list(CORRUPTIONS)
-    if unknown := [name for name in names if name not in CORRUPTIONS]:
-        raise BadData(
-            f"no corruption is called {unknown[0]!r}{registry.nearest(unknown[0], CORRUPTIONS)}"
-        )
-    specs = [
-        {**spec, "with_full": True}
-        for spec in dataset_specs(chosen.root, chosen.frames, chosen.stride)
-    ]
-    clips = [
-        dataset[number]
-        for dataset in (registry.build("datasets", s) for s in specs)
-        for number in range(len(dataset))
-    ]
-    methods = columns()
-    what = f"{len(clips)} clips of {', '.join(chosen.frames)}; dB over copying the last frame"
-    yield what
-    yield f"{'corruption':<32}" + "".join(f"{name:>12}" for name in methods)
-    severities = [
-        (name, severity)
-        for name in names
-        for severity in range(1 if name in ("none", "stationary") else NUM_SEVERITIES)
-    ]
-    found: dict[str, list[FloatArray]] = {name: [] for name in names}
-    for done, (name, severity) in enumerate(severities, 1):
-        gains = np.array([gains_db(clip, name, severity, methods) for clip in clips])
-        found[name].append(_mean(gains))
-        progress(done, len(severities))
-        yield f"{name} {severity + 1}".ljust(32) + "".join(_text(gain) for gain in found[name][-1])
-    means = {name: np.array(gains) for name, gains in found.items()}
-    values = np.concatenate(list(means.values()))
-    num_below = (values < -LIMIT_DB).sum()
-    lowest = np.nanmin(values)
-    yield f"{num_below} of {values.size} below -{LIMIT_DB} dB, the lowest {lowest:.1f} dB"
-    if chosen.plot is not None:
-        from studies.corruption.figure import corruption_figure
-
-        pairs = [(source, renderer) for source, renderer in (name.split() for name in methods)]
-        corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
-    if chosen.page is not None:
-        from geovp_benchmarks.tables.formats import write_page
-
-        frames = " ".join(f"'{one}'" for one in chosen.frames)
-        command = (
-            f"python benchmarks/studies corruption path/to/kitti {frames} --stride {chosen.stride}"
-        )
-        write_page(
-            chosen.page,
-            "Corruptions",
-            [command],
-            "the same with `--page`",
-            _page(what, list(methods), means),
-        )
-
-
-def gains_db(
-    clip: Clip, name: str, severity: Severity, methods: Mapping[str, tuple[PoseSource, Renderer]]
-) -> FloatArray:
-    """Return each method's mean PSNR over SCORED_STEPS steps, less that of the last frame, copied.
-
-    It is NaN for a method that could not predict. Methods share observations, and motions by the
-    first word of their name.
+    Methods share observations, and motions by the first word of their name.
     """
-    metric = registry.build("frame_metrics", "psnr")
-    needs = [source.needs | renderer.needs for source, renderer in methods.values()]
-    context, target = corrupted(
-        clip, CORRUPTIONS[name], severity, reduce(PrivilegedInput.__or__, needs)
-    )
-    steps = np.array(SCORED_STEPS)
-    actual, times_s = target.frames[steps], context.times_s[NUM_PAST + steps]
-    copied = np.repeat(context.frames[-1:], len(steps), axis=0)
+    psnr = registry.build("frame_metrics", "psnr")
+    needs = reduce(or_, (predictor.needs for predictor in compared.values()))
+    context, target = corrupted(clip, corruption, severity, needs)
+    real = target.frames[SCORED_STEPS]
+    times_s = context.times_s[NUM_PAST + SCORED_STEPS]
+    copied_db = psnr(np.repeat(context.frames[-1:], len(real), axis=0), real, None)
     observed = Observer().observe(context)
     motions: dict[str, Motion] = {}
-    gains = []
-    for label, (source, renderer) in methods.items():
-        predictor = GeometricPredictor(source, renderer)
-        motion_name = label.split()[0]
-        try:
-            if motion_name not in motions:
-                motions[motion_name] = predictor.estimate(observed)
-            motion = motions[motion_name]
+    gains = np.full(len(compared), np.nan)
+    for number, (name, predictor) in enumerate(compared.items()):
+        source = name.split()[0]
+        with suppress(GeovpError):
+            if source not in motions:
+                motions[source] = predictor.estimate(observed)
+            motion = motions[source]
             scene = predictor.reconstruct(observed, motion.past)
-            views = scene.view(motion.futures[0, steps], times_s, context.intrinsics)
-        except GeovpError:
-            gains.append(np.nan)
-            continue
-        gain = metric(views.frames, actual, None) - metric(copied, actual, None)
-        gains.append(float(gain.mean()))
-    return np.array(gains)
+            views = scene.view(motion.futures[0, SCORED_STEPS], times_s, context.intrinsics)
+            gains[number] = (psnr(views.frames, real, None) - copied_db).mean()
+    return gains
 
 
 def corrupted(
-    clip: Clip, what: Corruption, severity: Severity, needs: Any
+    clip: Clip, corruption: Corruption, severity: int, needs: PrivilegedInput
 ) -> tuple[Context, Target]:
-    """Context and target of the corrupted clip."""
-    order = what.order(severity)
+    """Return context and target of the corrupted clip."""
+    order = corruption.order(severity)
 
     def images(frames: ByteArray) -> ByteArray:
-        return np.stack(
-            [what.image(frames[shown], step, severity) for step, shown in enumerate(order)]
-        )
+        shown = enumerate(frames[order])
+        return np.stack([corruption.image(frame, step, severity) for step, frame in shown])
 
-    wide = clip.full and ExtraView(
-        images(clip.full.frames), clip.full.intrinsics, clip.full.view_from_cam
-    )
-    frames = images(clip.frames)
-    if wide is not None and what.crop_from_full:
-        sources = (Source(frame, wide.intrinsics, wide.view_from_cam) for frame in wide.frames)
+    full = clip.full
+    if full is not None:
+        full = ExtraView(images(full.frames), full.intrinsics, full.view_from_cam)
+    if full is not None and corruption.crop_from_full:
+        sources = [Source(frame, full.intrinsics, full.view_from_cam) for frame in full.frames]
         frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
-    changes: dict[str, Any] = {"frames": frames, "full": wide}
-    if what.poses_follow and clip.trajectory is not None:
-        changes["trajectory"] = replace(
-            clip.trajectory, world_from_cam=clip.trajectory.world_from_cam[order]
-        )
-    context, target = replace(clip, **changes).split(NUM_PAST, needs)
-    return what.context(context, severity), target
+    else:
+        frames = images(clip.frames)
+    trajectory = clip.trajectory
+    if trajectory is not None and corruption.reorders_poses:
+        trajectory = replace(trajectory, world_from_cam=trajectory.world_from_cam[order])
+    changed = replace(clip, frames=frames, full=full, trajectory=trajectory)
+    context, target = changed.split(NUM_PAST, needs)
+    return corruption.context(context, severity), target
 
 
-def _mean(gains: FloatArray) -> FloatArray:
-    """Return means [methods] over the predicted clips [clips, methods]; NaN without one."""
-    known = np.isfinite(gains)
-    total, count = np.where(known, gains, 0).sum(axis=0), known.sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _text(gain: float) -> str:
-    if not np.isfinite(gain):
-        return f"{'-':>12}"
-    return f"{gain:>11.1f}" + ("<" if gain < -LIMIT_DB else " ")
-
-
-def _page(what: str, methods: list[str], means: dict[str, FloatArray]) -> str:
-    """What is written of the table, in Markdown."""
-    from geovp_benchmarks.tables.formats import grid
-
-    rows = [["corruption, severity", *methods]]
-    for name, gains in means.items():
-        for severity, line in enumerate(gains, 1):
-            texts = [f"**{gain:.1f}**" if gain < -LIMIT_DB else f"{gain:.1f}" for gain in line]
-            rows.append([f"{name} {severity}", *("-" if text == "nan" else text for text in texts)])
-    values, names = np.concatenate(list(means.values())), np.array(methods)
-    crop, wide = (values[:, np.char.endswith(names, renderer)] for renderer in ("crop", "full"))
-    below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
-    lines = [
-        f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED_STEPS)}.",
-        "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and full: "
-        "depth fusion; plane:",
-        f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - "
-        "where nothing was "
-        "predicted.",
-        f"Uncropped frames are more than {LIMIT_DB} dB behind the crop in {behind} of {wide.size}.",
-    ]
-    return "\n".join([*lines, "", *grid(rows)])
+def mean_over_clips(gains: FloatArray) -> FloatArray:
+    """Return means [M] over the clips [C, M] that could be predicted; NaN if there is none."""
+    mean = np.ma.masked_invalid(gains).mean(axis=0)
+    return np.asarray(np.ma.filled(mean, np.nan))

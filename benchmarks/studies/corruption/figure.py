@@ -1,4 +1,4 @@
-"""Curves of the study of corruptions: gain over copy-last by severity."""
+"""Curves of the corruption study: gain over copy-last by severity."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,42 +9,29 @@ from matplotlib.figure import Figure
 from geovp_benchmarks.plots import style
 from geovp_classic.types import FloatArray
 
-NUM_COLUMNS = 5
-PANEL_IN = (1.5, 1.05)
-
 
 def corruption_figure(
-    gains_db: Mapping[
-        str, FloatArray
-    ],  # [severities, methods] of each corruption, in dB over copying the last frame
-    methods: Sequence[tuple[str, str]],  # pose source and renderer of each method
-    limit_db: float,  # that no method should be further below copying
+    gains_db: Mapping[str, Sequence[FloatArray]],  # [M] at each severity, by corruption
+    methods: Sequence[str],  # "POSE_SOURCE RENDERER"
+    num_columns: int = 5,
 ) -> Figure:
     """Draw a panel per corruption and a line per method; with one severity, lines are level."""
-    rows = -(-len(gains_db) // NUM_COLUMNS)
-    size_in = PANEL_IN[0] * NUM_COLUMNS, PANEL_IN[1] * rows
+    num_rows = -(-len(gains_db) // num_columns)
+    lines = style.line_styles([(name.split()[0], name.split()[1]) for name in methods])
     with mpl.style.context(style.SHEET):
+        size_in = 1.5 * num_columns, 1.05 * num_rows
         figure = Figure(figsize=size_in, dpi=style.PRINT_DPI, layout="constrained")
-        panels = figure.subplots(rows, NUM_COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
-        for axes, (name, gains) in zip(panels, gains_db.items(), strict=False):
-            axes.axhline(-limit_db, color=style.FAINT, linewidth=0.8)
-            axes.set_title(name, fontsize=6.5)
-            severities = np.arange(1, 1 + max(len(gains), 4))
-            for values, line, method in zip(
-                gains.T, style.line_styles(methods), methods, strict=True
-            ):
-                shown = np.broadcast_to(values, severities.shape) if len(values) == 1 else values
-                axes.plot(
-                    severities,
-                    shown,
-                    **(line.kwargs(1.0) | {"markersize": 2.5}),
-                    label=" ".join(method),
-                )
-        for axes in panels[len(gains_db) :]:
+        panels = figure.subplots(num_rows, num_columns, sharex=True, sharey=True, squeeze=False)
+        for axes in panels.flat[len(gains_db) :]:
             axes.set_visible(False)
-        panels[0].set_xticks(range(1, 5))
+        for axes, (name, gains) in zip(panels.flat, gains_db.items(), strict=False):
+            axes.set_title(name, fontsize=6.5)
+            axes.axhline(0, color=style.FAINT, linewidth=0.8)
+            levels = np.broadcast_to(gains, (4, len(methods)))
+            for line, values, label in zip(lines, levels.T, methods, strict=True):
+                axes.plot(range(1, 5), values, **line.kwargs(1.0), label=label)
         figure.supxlabel("severity", fontsize=7)
         figure.supylabel("dB over copying the last frame", fontsize=7)
-        handles, labels = panels[0].get_legend_handles_labels()
+        handles, labels = panels[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=7)
     return figure

@@ -1,4 +1,4 @@
-"""What is done to clips, and what is left of a method then."""
+"""Corruptions of clips, and the gains of methods on them."""
 
 from pathlib import Path
 
@@ -6,21 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks.cli import main
 from geovp_classic import registry
+from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, PrivilegedInput
-from studies import command_line
-from studies.corruption import NUM_PAST, corrupted, gains_db
+from studies.ablation import NUM_PAST
+from studies.corruption import corrupted, gains_db
 from studies.corruption.figure import corruption_figure
-from studies.corruption.kinds import CORRUPTIONS, NUM_SEVERITIES
-from tests.benchmarks.conftest import write_kitti
+from studies.corruption.kinds import CORRUPTIONS
+from tests.benchmarks.conftest import Says, write_kitti
 
 EVERYTHING = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
 
 METHODS = {
-    "true crop": (
-        registry.build("pose_sources", {"name": "ground-truth"}),
-        registry.build("renderers", "depth-fusion"),
+    "true crop": GeometricPredictor(
+        registry.build("pose_sources", "ground-truth"), registry.build("renderers", "depth-fusion")
     )
 }
 
@@ -47,26 +46,27 @@ def test_what_passes_leaves_the_future_alone_and_what_lasts_does_not(clip: Clip)
         assert (target.frames == clip.frames[NUM_PAST:]).all() != lasts
 
 
-def test_a_standing_camera_stands_in_its_poses_too(clip: Clip) -> None:
+def test_a_stationary_camera_has_stationary_poses(clip: Clip) -> None:
     context, target = corrupted(clip, CORRUPTIONS["stationary"], 0, EVERYTHING)
     assert (target.frames == context.frames[-1]).all()
     assert context.future is not None
     assert (context.future.world_from_cam == context.future.world_from_cam[0]).all()
-    assert gains_db(clip, "stationary", 0, METHODS) == [0]
+    assert gains_db(clip, CORRUPTIONS["stationary"], 0, METHODS) == [0]
 
 
 def test_a_black_frame_costs_fusion_little(clip: Clip) -> None:
-    black, clean = (gains_db(clip, name, 0, METHODS) for name in ("black frames", "none"))
+    black, clean = (
+        gains_db(clip, CORRUPTIONS[name], 0, METHODS) for name in ("black frames", "none")
+    )
     assert black > clean - 0.5
 
 
-def test_curves_have_a_panel_a_corruption_and_a_line_a_method() -> None:
-    methods = [("true", "crop"), ("vo", "crop")]
+def test_curves_have_a_panel_per_corruption_and_a_line_per_method() -> None:
     gains = {
-        "none": np.array([[9.0, 6.0]]),
-        "hood": np.array([[8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0]]),
+        "none": [np.array([9.0, 6.0])],
+        "hood": [np.array(pair) for pair in ([8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0])],
     }
-    figure = corruption_figure(gains, methods, 0.5)
+    figure = corruption_figure(gains, ["true crop", "vo crop"])
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_title() for axes in shown] == ["none", "hood"]
     clean, hood = (axes.get_lines()[1:] for axes in shown)
@@ -75,27 +75,20 @@ def test_curves_have_a_panel_a_corruption_and_a_line_a_method() -> None:
     np.testing.assert_array_equal(np.asarray(hood[1].get_ydata()), [5.0, 4.0, np.nan, 2.0])
 
 
-def test_the_command_draws_curves_and_writes_its_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page, picture = tmp_path / "page.md", tmp_path / "curves.png"
-    page.write_text("# Old\n\n## Notes\n\nkept\n")
+def test_the_command_prints_a_table_and_draws_curves(tmp_path: Path, printed: Says) -> None:
     spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
-    write_kitti(tmp_path / "kitti", "03", registry.build("datasets", spec)[0])
-    given = ["corruption", str(tmp_path / "kitti"), "03", "--only", "stationary"]
-    assert main([*given, "--plot", str(picture), "--page", str(page)], command_line()) == 0
-    assert "stationary 1" in capsys.readouterr().out
+    write_kitti(tmp_path, "03", registry.build("datasets", spec)[0])
+    picture = tmp_path / "curves.png"
+    words = ["study", "corruption", tmp_path, "03", "--only", "stationary", "--plot", picture]
+    lines = printed(*words).splitlines()
+    assert lines[-1].split() == ["|", "stationary", "1", *["|", "0.0"] * 6, "|"]
     assert cv2.imread(str(picture)).shape[1] > 1000
-    text = page.read_text()
-    assert "python benchmarks/studies corruption path/to/kitti '03' --stride 60" in text
-    assert "| stationary 1 " in text
-    assert text.endswith("## Notes\n\nkept\n")
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_all_severities_of_a_corruption_change_the_clip(clip: Clip, name: str) -> None:
-    for level in range(NUM_SEVERITIES):
-        context, target = corrupted(clip, CORRUPTIONS[name], level, EVERYTHING)
+    for severity in range(CORRUPTIONS[name].severities):
+        context, target = corrupted(clip, CORRUPTIONS[name], severity, EVERYTHING)
         assert context.num_past == NUM_PAST
         assert target.frames.shape == (20, 64, 64, 3)
         changed = (context.frames != clip.frames[:NUM_PAST]).any()

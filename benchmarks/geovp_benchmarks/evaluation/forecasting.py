@@ -1,0 +1,202 @@
+"""Accuracy and calibration of forecasters on windows of pose files.
+
+Errors of position and yaw are taken on the x-z plane of the last observed camera, those of height,
+pitch and roll over the plane of the past motion.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.tables.formats import grid
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting.body_motion import over_plane
+from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
+from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented
+from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.forecasting.representative import Representative
+from geovp_classic.forecasting.sampling import PlanarForecast
+from geovp_classic.geometry import planar, se3
+from geovp_classic.interfaces import Forecaster
+from geovp_classic.types import FloatArray, Trajectory
+
+Window = tuple[Trajectory, Trajectory]  # past and future
+Scores = Mapping[str, FloatArray]  # by name, [N], [N, F] or [N, F, 5]
+
+
+def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
+    """Return the compared forecasters; the motion prior has these coefficients, if given."""
+    prior = MotionPrior(coefficients=coefficients)
+    return {
+        "hold": Hold(),
+        "constant velocity": ConstantVelocity(),
+        "constant twist": ConstantTurn(),
+        "CTRV, extended": TurnRateKalman(),
+        "CTRV, unscented": TurnRateUnscented(),
+        "CTRA": AccelerationKalman(constants="acceleration"),
+        "CTRA, damped": AccelerationKalman(),
+        "motion prior": prior,
+        "motion prior, representative": Representative(prior),
+    }
+
+
+def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
+    """Return the trajectories folder/NN.txt; raise BadData for a wrong file.
+
+    Times are those of folder/NN_times.txt or of folder/../sequences/NN/times.txt.
+    """
+    sequences = {}
+    for name in names:
+        times = folder / f"{name}_times.txt"
+        times_of_images = folder.parent / "sequences" / name / "times.txt"
+        if times_of_images.exists() and not times.exists():
+            times = times_of_images
+        times_s = pose_files.read_times(times)
+        sequences[name] = pose_files.read_trajectory(folder / f"{name}.txt", times_s)
+    return sequences
+
+
+def read_windows(
+    folder: Path, names: Sequence[str], num_past: int = 10, num_future: int = 20, stride: int = 5
+) -> list[Window]:
+    """Return all windows of the named sequences; raise BadData if there is none."""
+    windows = [
+        window
+        for trajectory in read_sequences(folder, names).values()
+        for window in cut(trajectory, num_past, num_future, stride)
+    ]
+    if not windows:
+        raise BadData(
+            f"{folder}: no sequence is as long as one window of {num_past + num_future} poses"
+        )
+    return windows
+
+
+def cut(
+    trajectory: Trajectory, num_past: int = 10, num_future: int = 20, stride: int = 5
+) -> Iterator[Window]:
+    """Yield the windows of a sequence with starts `stride` frames apart."""
+    for first in range(0, len(trajectory) - num_past - num_future + 1, stride):
+        middle = first + num_past
+        yield trajectory[first:middle], trajectory[middle : middle + num_future]
+
+
+def evaluate(
+    windows: Sequence[Window], compared: Mapping[str, Forecaster], progress: Progress
+) -> dict[str, Scores]:
+    """Return the scores of each forecaster on the same windows."""
+    pairs = [(name, window) for name in compared for window in windows]
+    rows: dict[str, list[Scores]] = {name: [] for name in compared}
+    for name, window in tracked(pairs, len(pairs), progress):
+        rows[name].append(window_scores(compared[name], *window))
+    return {
+        name: {key: np.stack([row[key] for row in each]) for key in each[0]}
+        for name, each in rows.items()
+    }
+
+
+def window_scores(
+    forecaster: Forecaster, past: Trajectory, future: Trajectory, num_samples: int = 100
+) -> dict[str, FloatArray]:
+    """Return the scores of one window; those of samples and distributions where there are any.
+
+    "best of N" is the minimum over the first N samples. "ranks" [F, 5] are the probabilities of the
+    smallest regions that hold the truth: in (x, z, yaw), height, pitch, roll, and all six.
+    """
+
+    def states(world_from_cam: FloatArray) -> FloatArray:
+        level = planar.level_vehicle_from_cam()
+        return planar.reduce(world_from_cam, past.world_from_cam[-1], level)
+
+    truth = states(future.world_from_cam)
+    body_truth = over_plane(future.world_from_cam, past)
+    samples = forecaster.forecast(past, future.times_s, num_samples)
+    centre = forecaster.forecast(past, future.times_s)[0]
+    error = states(centre) - truth
+    body_error = np.abs(over_plane(centre, past) - body_truth)
+    scores = {
+        "position m": np.linalg.norm(error[:, :2], axis=-1),
+        "yaw deg": np.degrees(np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi)),
+        "height m": body_error[:, 0],
+        "pitch deg": np.degrees(body_error[:, 1]),
+        "roll deg": np.degrees(body_error[:, 2]),
+        "turned deg": np.degrees(np.unwrap(truth[:, 2])[-1]),
+    }
+    if (samples != samples[0]).any():
+        distances_m = np.linalg.norm((states(samples) - truth)[..., :2], axis=-1).mean(axis=1)
+        rotations_rad = se3.rotation_angle_rad(se3.inverse(future.world_from_cam) @ samples)
+        rotations_deg = np.degrees(rotations_rad).mean(axis=1)
+        for count in (5, 10, 20):
+            scores[f"ADE m, best of {count}"] = distances_m[:count].min()
+            scores[f"rotation deg, best of {count}"] = rotations_deg[:count].min()
+    if isinstance(forecaster, TurnRateKalman | MotionPrior):
+        forecast = forecaster.distribution(past, future.times_s)
+        own = forecast.states_of(future.world_from_cam)
+        scores["NLL nats"] = -forecast.log_density(own[None])[0]
+        scores["ranks"] = highest_density_ranks(forecast, own, body_truth)
+    return scores
+
+
+def highest_density_ranks(
+    forecast: PlanarForecast,
+    states: FloatArray,  # [F, 3], true ones on the plane
+    body: FloatArray,  # [F, 3], over it
+    num_samples: int = 400,
+    seed: int = 0,
+) -> FloatArray:
+    """Return the fractions [F, 5] of samples that are likelier than the truth (Hyndman 1996).
+
+    The body's own are exact; NaN if the forecast has no distribution of the body.
+    """
+    density = forecast.log_density(states[None])[0]
+    densities = forecast.log_density(forecast.sample(num_samples, seed))
+    ranks = np.full((len(states), 5), np.nan)
+    ranks[:, 0] = (densities > density).mean(axis=0)
+    if forecast.body is not None:
+        ranks[:, 1:4] = forecast.body.ranks(body)
+        density = density + forecast.body.log_density(body[None])[0]
+        densities += forecast.body.log_density(forecast.body.sample(num_samples, seed))
+        ranks[:, 4] = (densities > density).mean(axis=0)
+    return ranks
+
+
+def summary(scores: Scores, turning_deg: float = 15.0) -> dict[str, float]:
+    """Return the averages over windows; windows that turn more than `turning_deg` separately."""
+    position_m, yaw_deg = scores["position m"], scores["yaw deg"]
+    last = position_m.shape[1]
+    averages = {f"error @{k} m": position_m[:, k - 1].mean() for k in (1, 10, 20) if k <= last}
+    averages["ADE m"] = position_m.mean()
+    averages["FDE m"] = position_m[:, -1].mean()
+    averages[f"yaw @{last} deg"] = yaw_deg[:, -1].mean()
+    averages[f"yaw @{last} deg, median"] = np.median(yaw_deg[:, -1])
+    for name in ("height m", "pitch deg", "roll deg"):
+        averages[name.replace(" ", " @1 ")] = scores[name][:, 0].mean()
+        averages[name] = scores[name].mean()
+    is_turning = np.abs(scores["turned deg"]) > turning_deg
+    if is_turning.any():
+        label = f"{is_turning.sum()} turning windows"
+        averages[f"ADE m, {label}"] = position_m[is_turning].mean()
+        averages[f"yaw @{last} deg, {label}"] = yaw_deg[is_turning, -1].mean()
+    for name in scores:
+        if "best of" in name or name == "NLL nats":
+            averages[name] = scores[name].mean()
+    if "ranks" in scores:
+        for number, name in enumerate(("x, z, yaw", "height", "pitch", "roll", "all six")):
+            ranks = scores["ranks"][..., number]
+            for region in (0.5, 0.9):
+                averages[f"{name} in {region:.0%}"] = (ranks <= region).mean()
+                averages[f"{name} in {region:.0%} @{last}"] = (ranks[:, -1] <= region).mean()
+    return {name: float(value) for name, value in averages.items()}
+
+
+def lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Return summaries by forecaster as a Markdown table with a column per forecaster."""
+    names = dict.fromkeys(name for averages in table.values() for name in averages)
+    rows = [
+        [name, *(f"{row[name]:.3f}" if name in row else "-" for row in table.values())]
+        for name in names
+    ]
+    return grid([["", *table], *rows])

@@ -1,0 +1,1 @@
+"""Fits of the forecasters' constants to recorded poses."""

@@ -1,0 +1,54 @@
+"""Reliability diagram of forecasters on windows of pose files.
+
+A curve shows how often the true state lies in the region to which a forecast assigns a probability:
+in (x, z, yaw), in height, pitch and roll over the plane, and in all six components. Below the
+diagonal, regions are too small.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.evaluation import forecasting
+from geovp_benchmarks.plots import style
+from geovp_benchmarks.progress import Progress
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the pose files and the figure."""
+    text = "Folder of NN.txt and NN_times.txt."
+    parser.add_argument("poses", type=Path, metavar="POSES_DIR", help=text)
+    text = "File of the figure: png, pdf or svg."
+    parser.add_argument("figure", type=figure_file, metavar="FILE", help=text)
+    text = "Frames between the starts of two windows. Default: 10."
+    parser.add_argument("--stride", type=positive, default=10, metavar="N", help=text)
+
+
+def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Draw the diagram of damped CTRA and the motion prior on the test sequences."""
+    known = forecasting.forecasters()
+    compared = {name: known[name] for name in ("CTRA, damped", "motion prior")}
+    test = ("03", "05", "06", "07", "10")
+    windows = forecasting.read_windows(args.poses, test, stride=args.stride)
+    scores = forecasting.evaluate(windows, compared, progress)
+    probabilities = np.linspace(0.05, 0.95, 19)
+    with mpl.style.context(style.SHEET):
+        figure = Figure(figsize=(8.5, 1.9), dpi=style.PRINT_DPI, layout="constrained")
+        panels = figure.subplots(1, 5, sharey=True)
+        names = ("x, z, yaw", "height", "pitch", "roll", "all six")
+        for number, (axes, title) in enumerate(zip(panels, names, strict=True)):
+            axes.plot([0, 1], [0, 1], color=style.FAINT, linewidth=0.8)
+            axes.set(title=title, xlabel="probability", aspect="equal")
+            for name, each in scores.items():
+                ranks = each["ranks"][..., number]
+                inside = [(ranks <= probability).mean() for probability in probabilities]
+                axes.plot(probabilities, inside, label=name)
+        panels[0].set_ylabel("fraction of true states inside")
+        panels[0].legend()
+        figure.savefig(args.figure)
+    yield f"{len(windows)} windows of {', '.join(test)}: {args.figure}"

@@ -1,0 +1,136 @@
+"""Error budget and pose sensitivity: paired changes by hand, and runs on the synthetic street."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geovp_benchmarks.analysis.intervals import Interval
+from geovp_benchmarks.evaluation.error_budget import cam_from_offset
+from geovp_benchmarks.evaluation.variants import ChangeTable, change_text, score
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.errors import Incompatible
+from geovp_classic.metrics.image import Psnr
+from geovp_classic.types import ByteArray
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_matrix
+
+PAST = {
+    "name": "chained",
+    "odometry": {"name": "ground-truth"},
+    "forecaster": {"name": "constant-velocity"},
+}
+TABLES: dict[str, dict[str, Any]] = {
+    "protocol": {
+        "dataset": {"name": "synthetic", "num_clips": 2},
+        "num_past": 6,
+        "num_future": 6,
+        "stride": 10,
+        "size_px": [96, 96],
+    },
+    "pose_sources": {"past": PAST},
+    "renderers": {"fusion": "depth-fusion"},
+    "predictors": {"copy-last": "copy-last"},
+    "metrics": {"frame": ["psnr", "ssim"]},
+}
+
+
+@pytest.fixture
+def matrix_file(tmp_path: Path) -> Path:
+    return write_matrix(tmp_path / "street.toml", TABLES)
+
+
+def rows_of(lines: list[str]) -> dict[str, list[str]]:
+    """Return the cells of the rows of Markdown tables by their first cell; the first table wins."""
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
+    return {first: rest for first, *rest in reversed(cells)}
+
+
+def test_impossible_variants_leave_out_the_clip() -> None:
+    clip = Synthetic(num_clips=1, num_frames=12, size_px=(32, 32))[0]
+    clips = [("a", clip), ("a", clip), ("a", clip)]
+    grey = np.full((1, 32, 32, 3), 100, np.uint8)
+    calls = []
+
+    def predict(variant: str) -> tuple[ByteArray, ByteArray]:
+        calls.append(variant)
+        if len(calls) == 4:
+            raise Incompatible("no scale")
+        return grey + np.uint8(variant == "wrong"), grey - np.uint8(1)
+
+    scores = score(clips, [Psnr()], ["wrong", "right"], lambda clip: predict)
+    # one level off is 48.13 dB, two are 42.11 dB
+    np.testing.assert_allclose(scores.values["wrong"].ravel(), [42.11] * 3, atol=0.005)
+    np.testing.assert_allclose(scores.values["right"].ravel(), [48.13, np.nan, 48.13], atol=0.005)
+    assert scores.reasons == ["no scale"]
+    gain = scores.values["right"] - scores.values["wrong"]
+    table = ChangeTable(
+        "title", {"psnr": Psnr()}, scores.sequences, {}, {"row": {"gain": gain}}, ()
+    )
+    assert rows_of(list(table.lines()))["row"] == ["+6.02", "2"]
+
+
+def test_a_method_that_is_impossible_on_all_clips_is_refused() -> None:
+    clip = Synthetic(num_clips=1, num_frames=12, size_px=(32, 32))[0]
+
+    def predict(variant: str) -> tuple[ByteArray, ByteArray]:
+        raise Incompatible("no scale")
+
+    with pytest.raises(Incompatible, match="no scale"):
+        score([("a", clip)], [Psnr()], ["right"], lambda clip: predict)
+
+
+def test_an_interval_is_printed_if_there_is_one() -> None:
+    assert change_text(Interval(1.234, 1.0, -0.5, 4, 0.1), 2) == "+1.23 [+1.00, -0.50]"
+    assert change_text(Interval(1.234, np.nan, np.nan, 2, np.nan), 2) == "+1.23"
+
+
+def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
+    lines = printed("budget", matrix_file).splitlines()
+    assert lines[0] == "past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5"
+    rows = rows_of(lines)
+    assert len([row for row in rows.values() if row[-1] == "2"]) == 12  # depth and masks are exact
+    levels = next(line for line in lines if line.startswith("PSNR (dB) ↑: forecast"))
+    forecast, truth = (float(words.split()[-1]) for words in levels.split(","))
+    one_by_one = [float(row[1]) for name, row in rows.items() if row[-1] == "2"]
+    assert sum(one_by_one) == pytest.approx(truth - forecast, abs=0.07)  # of rounded numbers
+    assert truth > forecast + 1
+    assert not [line for line in lines if "nan" in line or "95 %" in line]
+
+
+def test_stages_that_cannot_be_measured_are_named(matrix_file: Path, printed: Says) -> None:
+    write_matrix(matrix_file, {**TABLES, "renderers": {"plane": "ground-far-plane"}})
+    lines = printed("budget", matrix_file, "--limit", "1").splitlines()
+    assert [line for line in lines if line.startswith("depth is not measured")]
+    assert "depth" not in rows_of(lines)
+
+
+def test_the_method_must_have_a_renderer(matrix_file: Path, refused: Says) -> None:
+    assert "past + fusion" in refused("budget", matrix_file, "--method", "past + fusoin")
+    assert "pose source" in refused("budget", matrix_file, "--method", "copy-last")
+
+
+@pytest.mark.parametrize(
+    ("offset", "axis", "expected"),
+    [
+        (("yaw", 30.0), 2, (0.5, 0, 0.75**0.5)),  # the view, to the right
+        (("pitch", 30.0), 2, (0, -0.5, 0.75**0.5)),  # the view, up
+        (("roll", -30.0), 0, (0.75**0.5, -0.5, 0)),  # the image's right, up: anticlockwise
+        (("y", -0.2), 3, (0, -0.2, 0)),
+    ],
+)
+def test_an_offset_is_a_turn_or_a_shift_of_the_camera(
+    offset: tuple[str, float], axis: int, expected: tuple[float, ...]
+) -> None:
+    np.testing.assert_allclose(cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
+
+
+def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
+    lines = printed("budget", matrix_file, "--sensitivity", "--limit", "1").splitlines()
+    rows = rows_of(lines)
+    names = ("pitch 2 deg", "pitch 0.5 deg", "y 0.5 m", "y 0.1 m")
+    loss = {name: float(rows[name][0]) for name in names}
+    assert loss["pitch 2 deg"] < loss["pitch 0.5 deg"] < 0
+    assert loss["y 0.5 m"] < loss["y 0.1 m"] < 0.05
+    assert not [line for line in lines if "nan" in line or "95 %" in line]

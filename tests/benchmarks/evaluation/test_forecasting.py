@@ -1,0 +1,133 @@
+"""Scores and tables of forecasters, with numbers worked out by hand."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geovp_benchmarks.evaluation import forecasting
+from geovp_benchmarks.evaluation.forecasting import cut, highest_density_ranks, window_scores
+from geovp_benchmarks.progress import no_progress
+from geovp_classic.data import pose_files
+from geovp_classic.forecasting.constant import ConstantTurn, Hold
+from geovp_classic.forecasting.kalman import TurnRateKalman
+from geovp_classic.forecasting.representative import Representative
+from geovp_classic.forecasting.sampling import BodyForecast, PlanarForecast
+from geovp_classic.geometry import se3
+from geovp_classic.types import Trajectory
+from tests.benchmarks.conftest import Says
+
+
+def circle(num_steps: int, speed_m_s: float = 10.0, turn_rad_s: float = 0.1) -> Trajectory:
+    times_s = np.arange(num_steps) * 0.1
+    return Trajectory(
+        se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])), times_s, True
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("03", "05"):
+        trajectory = circle(60)
+        pose_files.write_kitti(tmp_path / f"{name}.txt", trajectory)
+        (tmp_path / f"{name}_times.txt").write_text(
+            "\n".join(f"{time:.6f}" for time in trajectory.times_s)
+        )
+    return tmp_path
+
+
+def test_windows_are_cut_every_stride_frames_to_the_end() -> None:
+    cuts = list(cut(circle(41), 10, 20, 5))
+    assert [round(past.times_s[0], 6) for past, _ in cuts] == [
+        0.0,
+        0.5,
+        1.0,
+    ]  # 11 starts, every fifth
+    assert tuple(len(part) for part in cuts[0]) == (10, 20)
+    assert list(cut(circle(29), 10, 20, 5)) == []
+
+
+def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
+    scores = window_scores(Hold(), *next(cut(circle(30, 10.0, 0.1), 10, 20, 5)))
+    chord_m = 2 * 100 * np.sin(0.05)  # of 0.1 rad at 100 m radius
+    assert scores["position m"][9] == pytest.approx(chord_m)
+    assert scores["yaw deg"][-1] == pytest.approx(np.degrees(0.2))
+    assert "ranks" not in scores
+    assert "ADE m, best of 5" not in scores
+
+
+def test_a_constant_turn_forecasts_a_circle() -> None:
+    scores = forecasting.evaluate(list(cut(circle(60))), {"turn": ConstantTurn()}, no_progress)
+    assert scores["turn"]["position m"].shape == (7, 20)
+    assert scores["turn"]["position m"].max() < 1e-6
+    assert scores["turn"]["yaw deg"].max() < 1e-6
+
+
+def test_the_best_of_more_futures_is_no_worse() -> None:
+    source = TurnRateKalman()
+    for forecaster in (source, Representative(source)):
+        scores = window_scores(forecaster, *next(cut(circle(30))))
+        for error in ("ADE m", "rotation deg"):
+            best = [float(scores[f"{error}, best of {count}"]) for count in (5, 10, 20)]
+            assert best == sorted(best, reverse=True)
+    centre = window_scores(Representative(source), *next(cut(circle(30))))
+    assert centre["ADE m, best of 5"] <= centre["position m"].mean()  # the first is the centre
+
+
+def test_ranks_are_the_ellipsoids_probability() -> None:
+    body = BodyForecast(
+        np.zeros((1, 3)), np.ones((1, 3)), np.full(3, 1e6)
+    )  # so many degrees of freedom are a Gaussian
+    forecast = PlanarForecast(
+        np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4), body
+    )
+    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %; of six: 5.348 and
+    # 10.645.
+    for square, whole, share in ((2.366, 5.348, 0.5), (6.251, 10.645, 0.9)):
+        truth, over = (
+            np.array([[np.sqrt(square), 0.0, 0.0]]),
+            np.array([[0.0, np.sqrt(whole - square), 0.0]]),
+        )
+        ranks = highest_density_ranks(forecast, truth, over, num_samples=20000)[0]
+        assert ranks[[0, 4]] == pytest.approx([share, share], abs=0.015)
+    alone = highest_density_ranks(replace(forecast, body=None), truth, over)
+    assert np.isnan(alone[0, 1:]).all()
+
+
+def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says) -> None:
+    names = ["--only", "hold", "CTRV, extended"]
+    lines = printed("forecast", "evaluate", folder, "--sequences", "03", "05", *names).splitlines()
+    assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
+    rows = {name: values for name, *values in cells}
+    assert rows[""] == ["hold", "CTRV, extended"]
+    # chords of 1 to 20 steps of 0.01 rad at 100 m radius
+    ade_m = np.mean(200 * np.sin(0.005 * np.arange(1, 21)))
+    assert float(rows["ADE m"][0]) == pytest.approx(ade_m, abs=0.0005)
+    assert rows["all six in 90% @20"][0] == "-"  # hold has no distribution
+    assert 0 <= float(rows["all six in 90% @20"][1]) <= 1
+    assert not [name for name in rows if "turning" in name]  # 2 s of 0.1 rad/s are 11.5 degrees
+    words = ("forecast", "evaluate", folder, "--sequences", "03", "--json", *names)
+    assert json.loads(printed(*words))["forecasters"]["hold"]["ADE m"] == pytest.approx(ade_m)
+
+
+def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
+    assert "CTRA, damped" in refused("forecast", "evaluate", folder, "--only", "CTRA, dampd")
+
+
+def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None or not (Path(root) / "kitti_full_poses").is_dir():
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
+    names = ("hold", "constant twist", "CTRA, damped", "motion prior")
+    compared = {name: forecasting.forecasters()[name] for name in names}
+    windows = forecasting.read_windows(Path(root) / "kitti_full_poses", ["04"], stride=60)
+    scores = forecasting.evaluate(windows, compared, no_progress)
+    errors = {name: float(each["position m"].mean()) for name, each in scores.items()}
+    assert min(errors, key=errors.__getitem__) != "hold"
+    assert errors["motion prior"] < 1.0
