@@ -26,7 +26,7 @@ CLASSIC_LAYERS = [
     {"api"},
 ]
 BENCHMARK_LAYERS = [
-    {"progress", "fitting"},
+    {"progress"},
     {"results"},
     {"matrix", "analysis"},
     {"arguments", "tables"},

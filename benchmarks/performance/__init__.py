@@ -4,35 +4,37 @@ The package is not installed: run it from the repository root with `benchmarks` 
 `PYTHONPATH=benchmarks python -m performance`.
 """
 
-import argparse
 import time
 from collections.abc import Callable
-from typing import TypeVar
+from dataclasses import dataclass
 
-from geovp_benchmarks.arguments import positive
+import numpy as np
 
-Seconds = tuple[float, float]  # wall clock, and CPU time of all threads
-Result = TypeVar("Result")
-
-COMMAND = "PYTHONPATH=benchmarks python -m"  # from the repository root
+from geovp_classic.parallel import single_threaded_blas
 
 
-def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
-    """Return the result of the work, and its processing time."""
-    clock, processor = time.perf_counter(), time.process_time()
-    result = work()
-    return result, (time.perf_counter() - clock, time.process_time() - processor)
+@dataclass(frozen=True)
+class Comparison:
+    """One problem, solved by our code and by a rival."""
+
+    name: str
+    ours: Callable[[], object]
+    rival_name: str
+    rival: Callable[[], object]
+
+    @single_threaded_blas
+    def line(self, rounds: int) -> str:
+        """Return the medians of both, timed in turns after a warm-up, and their ratio."""
+        seconds = [[cpu_s(self.ours), cpu_s(self.rival)] for _ in range(rounds + 1)]
+        ours_s, rival_s = np.median(seconds[1:], axis=0)
+        return (
+            f"{self.name}: {1e3 * ours_s:.3g} ms, {self.rival_name} {1e3 * rival_s:.3g} ms, "
+            f"ratio {rival_s / ours_s:.1f}"
+        )
 
 
-def rounds_parser(module: str, description: str, default: int) -> argparse.ArgumentParser:
-    """Return a parser of the number of rounds, for `python -m` with the module's name."""
-    parser = argparse.ArgumentParser(prog=f"{COMMAND} {module}", description=description)
-    parser.add_argument(
-        "rounds",
-        nargs="?",
-        type=positive,
-        default=default,
-        metavar="ROUNDS",
-        help=f"Number of rounds after the warm-up. Default: {default}.",
-    )
-    return parser
+def cpu_s(work: Callable[[], object]) -> float:
+    """Return the CPU time of the work in all threads, which depends little on other load."""
+    start_s = time.process_time()
+    work()
+    return time.process_time() - start_s

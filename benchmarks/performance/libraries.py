@@ -1,15 +1,12 @@
-"""Time and error of our solvers and of library solvers for the same problems.
+"""Our solvers, next to those of pycolmap for the same problems.
 
-`PYTHONPATH=benchmarks python -m performance.libraries [ROUNDS]`
-
-Random points are observed by known cameras, with noise and, as in the odometry, with outliers. Both
-solvers get the same problem, one after the other. Medians over rounds are of CPU time. A solver of
-our own stays only where it is three times as fast or more accurate.
+Random points are observed by known cameras, with noise and, as in the odometry, with outliers. A
+solver of our own stays only where it is three times as fast or more accurate.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,27 +18,24 @@ from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
-from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.pose_refinement.registration import ImageRegistration
-from geovp_classic.types import FloatArray, Intrinsics
-from performance import rounds_parser, timed
+from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+from performance import Comparison
 
 CAMERA = Intrinsics(700.0, 700.0, 620.0, 185.0, 1241, 376)
-NUM_POINTS, NUM_VIEWS, WRONG_SHARE = 300, 8, 0.15
-NOISE = 0.25 / CAMERA.fx_px  # of a ray's coordinates
-
-Solver = Callable[[], FloatArray]
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """One problem with two solvers."""
+class Problem(Comparison):
+    """A comparison whose solutions have errors."""
 
-    name: str
-    unit: str  # of the errors
-    ours: Solver
-    library: Solver
-    error: Callable[[FloatArray], float]  # of a solution, against the truth
+    error: Callable[[Any], float]  # of a solution, against the truth
+    unit: str
+
+    def line(self, rounds: int) -> str:
+        """Return times, their ratio, and both errors."""
+        errors = [self.error(solve()) for solve in (self.ours, self.rival)]
+        return f"{super().line(rounds)}; errors {errors[0]:.2g} and {errors[1]:.2g} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -51,98 +45,105 @@ class Scene:
     points: FloatArray  # [N, 3]
     cam_from_world: FloatArray  # [V, 4, 4]
     rays: FloatArray  # [V, N, 2], with noise
-    wrong: FloatArray  # [N, 2], the last view's rays, some of them far off
+    noise: float  # of a ray's coordinates
+    with_outliers: FloatArray  # [N, 2], the last view's rays, some of them far off
 
     @classmethod
-    def random(cls, seed: int = 0) -> Self:
-        """A street's width, 6 to 60 m ahead."""
-        rng = np.random.default_rng(seed)
-        points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (NUM_POINTS, 3))
-        poses = se3.exp(np.arange(NUM_VIEWS)[:, None] * np.array([0.02, 0, -0.7, 0, 0.01, 0]))
-        cam = se3.transform(poses, points)
-        rays = cam[..., :2] / cam[..., 2:] + rng.normal(0, NOISE, (NUM_VIEWS, NUM_POINTS, 2))
-        wrong, count = rays[-1].copy(), int(WRONG_SHARE * NUM_POINTS)
-        wrong[:count] += rng.uniform(-0.1, 0.1, (count, 2))
-        return cls(points, poses, rays, wrong)
+    def random(cls, num_points: int = 300, num_views: int = 8, outlier_ratio: float = 0.15) -> Self:
+        """Draw points within a street's width, 6 to 60 m ahead."""
+        rng = np.random.default_rng(0)
+        points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (num_points, 3))
+        poses = se3.exp(np.arange(num_views)[:, None] * np.array([0.02, 0, -0.7, 0, 0.01, 0]))
+        in_camera = se3.transform(poses, points)
+        noise = 0.25 / CAMERA.fx_px
+        rays = in_camera[..., :2] / in_camera[..., 2:]
+        rays += rng.normal(0, noise, rays.shape)
+        with_outliers = rays[-1].copy()
+        count = int(outlier_ratio * num_points)
+        with_outliers[:count] += rng.uniform(-0.1, 0.1, (count, 2))
+        return cls(points, poses, rays, noise, with_outliers)
+
+    @property
+    def all_points(self) -> BoolArray:
+        """A mask [N] of all points."""
+        return np.ones(len(self.points), dtype=bool)
 
 
-def triangulation(scene: Scene) -> Comparison:
-    """All points from all views."""
-    directions = homogeneous(scene.rays)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+def problems() -> list[Problem]:
+    """Return all problems on one scene."""
+    scene = Scene.random()
+    return [triangulation(scene), resection(scene), relative_pose(scene), adjustment(scene)]
+
+
+def triangulation(scene: Scene) -> Problem:
+    """Return the triangulation of all points from all views."""
     poses = list(scene.cam_from_world[:, :3])
 
-    def library() -> FloatArray:
-        points = [
-            pycolmap.triangulate_multi_view_point(poses, directions[:, n])
-            for n in range(NUM_POINTS)
-        ]
-        return np.reshape(np.asarray(points, dtype=np.float64), (-1, 3))
+    def rival() -> list[Any]:
+        rays = np.moveaxis(directions(scene.rays), 1, 0)
+        return [pycolmap.triangulate_multi_view_point(poses, each) for each in rays]
 
-    def error(points: FloatArray) -> float:
-        return float(np.median(np.linalg.norm(points - scene.points, axis=1)))
-
-    return Comparison(
-        "triangulation", "m", lambda: triangulate(scene.rays, scene.cam_from_world), library, error
-    )
-
-
-def resection(scene: Scene) -> Comparison:
-    """The last view's pose by known points, from a guess half a metre off."""
-    truth, guess = (
-        scene.cam_from_world[-1],
-        se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ scene.cam_from_world[-1],
-    )
-    camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
-    options = pycolmap.AbsolutePoseRefinementOptions(
-        loss_function_scale=NOISE, gradient_tolerance=1e-9
-    )
-    everything = np.ones(NUM_POINTS, dtype=bool)
-
-    def library() -> FloatArray:
-        given = (_rigid(guess), scene.wrong, scene.points, everything, camera, options)
-        return _matrix(pycolmap.refine_absolute_pose(*given), "cam_from_world")
+    def error(points: Any) -> float:
+        distances = np.linalg.norm(np.reshape(points, (-1, 3)) - scene.points, axis=1)
+        return float(np.median(distances))
 
     def ours() -> FloatArray:
-        return refine_pose(scene.points, scene.wrong, guess, NOISE)
+        return triangulate(scene.rays, scene.cam_from_world)
 
-    return Comparison("resection", "m", ours, library, lambda pose: _distance(pose, truth))
+    return Problem("triangulation", ours, "pycolmap", rival, error, "m")
 
 
-def relative_pose(scene: Scene) -> Comparison:
-    """The motion between the first and the last view, from one or two degrees off; errors of its
-    direction.
-    """
-    truth, nearby = (
-        _unit(scene.cam_from_world[-1]),
-        se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001])),
+def resection(scene: Scene) -> Problem:
+    """Return the search of the last view's pose by known points, from half a metre off."""
+    truth = scene.cam_from_world[-1]
+    guess = se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ truth
+    camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
+    options = pycolmap.AbsolutePoseRefinementOptions(
+        loss_function_scale=scene.noise, gradient_tolerance=1e-9
     )
-    near, rays = _unit(nearby @ truth), (scene.rays[0], scene.wrong)
-    a, b = (homogeneous(r) / np.linalg.norm(homogeneous(r), axis=1, keepdims=True) for r in rays)
-    everything = np.ones(NUM_POINTS, dtype=bool)
+    known = (scene.with_outliers, scene.points, scene.all_points, camera, options)
 
-    def library() -> FloatArray:
-        return _matrix(
-            pycolmap.refine_relative_pose(_rigid(near), a, b, everything), "cam2_from_cam1"
-        )
+    def rival() -> FloatArray:
+        return matrix_of(pycolmap.refine_absolute_pose(rigid(guess), *known)["cam_from_world"])
+
+    def ours() -> FloatArray:
+        return refine_pose(scene.points, scene.with_outliers, guess, scene.noise)
+
+    return Problem("resection", ours, "pycolmap", rival, lambda pose: distance(pose, truth), "m")
+
+
+def relative_pose(scene: Scene) -> Problem:
+    """Return the search of the motion between the first and last view, one or two degrees off."""
+    truth = scene.cam_from_world[-1].copy()
+    truth[:3, 3] /= np.linalg.norm(truth[:3, 3])
+    guess = se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001])) @ truth
+    guess[:3, 3] /= np.linalg.norm(guess[:3, 3])
+    rays = (scene.rays[0], scene.with_outliers)
+    known = (*map(directions, rays), scene.all_points)
+
+    def rival() -> FloatArray:
+        return matrix_of(pycolmap.refine_relative_pose(rigid(guess), *known)["cam2_from_cam1"])
+
+    def ours() -> FloatArray:
+        return refine(*rays, guess, scene.noise)
 
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
 
-    return Comparison("relative pose", "deg", lambda: refine(*rays, near, NOISE), library, error)
+    return Problem("relative pose", ours, "pycolmap", rival, error, "deg")
 
 
-def local_bundle_adjustment(scene: Scene) -> Comparison:
-    """All poses, from a hundredth of a degree and some millimetres off; pycolmap's adjustment fixes
-    the scale alone.
+def adjustment(scene: Scene) -> Problem:
+    """Return the bundle adjustment of all poses, from a hundredth of a degree and some mm off.
+
+    pycolmap's adjustment fixes the scale alone.
     """
-    poses, rng = scene.cam_from_world, np.random.default_rng(1)
-    deviations = rng.normal(0, 1, (NUM_VIEWS - 1, 6)) * ((5e-3,) * 3 + (2e-4,) * 3)
-    given, pixels = (
-        np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]]),
-        Lens(CAMERA).pixels(scene.rays),
-    )
-    visible = np.ones((NUM_VIEWS - 1, NUM_POINTS), dtype=bool)
+    poses = scene.cam_from_world
+    deviations = np.random.default_rng(1).normal(0, 1, (len(poses) - 1, 6))
+    deviations *= np.repeat([5e-3, 2e-4], 3)
+    given = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]])
+    pixels = Lens(CAMERA).pixels(scene.rays)
+    visible = np.ones((len(poses) - 1, len(scene.points)), dtype=bool)
     points = np.pad(homogeneous(scene.rays[0]), ((0, 0), (0, 1)))
     bundle = Bundle(given[1:], points, pixels[1:], visible, CAMERA)
     prior = ImageRegistration().prior(given[1:])
@@ -150,72 +151,35 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     def ours() -> FloatArray:
         start = bundle.with_inverse_depths()
         adjusted = BundleAdjustment().adjust(start, INVERSE_DEPTHS, prior)
-        last: FloatArray = adjusted.cam_from_world[-1]
-        return last
+        return adjusted.cam_from_world[-1]
 
-    def library() -> FloatArray:
+    def rival() -> FloatArray:
         points = triangulate(scene.rays, given)
         adjusted, *_ = bundle_adjust(given, points, pixels, Lens(CAMERA), num_fixed=1)
-        last: FloatArray = adjusted[-1]
-        return last
+        return adjusted[-1]
 
-    return Comparison(
-        "local bundle adjustment",
-        "m",
-        ours,
-        library,
-        lambda pose: _distance(pose, poses[-1]),
+    return Problem(
+        "bundle adjustment", ours, "pycolmap", rival, lambda pose: distance(pose, poses[-1]), "m"
     )
 
 
-@single_threaded_blas
-def measure(comparison: Comparison, rounds: int) -> str:
-    """One line: both times, their ratio, and both errors."""
-    solvers, milliseconds, errors = (comparison.ours, comparison.library), [], []
-    for solve in solvers:
-        errors.append(comparison.error(solve()))  # compiles, too
-        milliseconds.append(1e3 * float(np.median([timed(solve)[1][1] for _ in range(rounds)])))
-    (ours_ms, library_ms), (ours, library) = milliseconds, errors
-    return (
-        f"{comparison.name}: ours {ours_ms:.3g} ms, library {library_ms:.3g} ms, ratio "
-        f"{library_ms / ours_ms:.1f}; "
-        f"error {ours:.2g} and {library:.2g} {comparison.unit}"
-    )
+def directions(rays: FloatArray) -> FloatArray:
+    """Return unit vectors [..., 3] of rays [..., 2]."""
+    directions = homogeneous(rays)
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
 
-def _rigid(pose: FloatArray) -> pycolmap.Rigid3d:
+def rigid(pose: FloatArray) -> pycolmap.Rigid3d:
+    """Return pycolmap's form of a transform [4, 4]."""
     return pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
 
 
-def _matrix(result: dict[str, pycolmap.Rigid3d] | None, name: str) -> FloatArray:
-    assert result is not None  # on data made here
-    matrix = np.asarray(result[name].matrix())
+def matrix_of(pose: pycolmap.Rigid3d) -> FloatArray:
+    """Return a transform [4, 4] in pycolmap's form as a matrix."""
+    matrix = np.asarray(pose.matrix())
     return se3.compose(matrix[:, :3], matrix[:, 3])
 
 
-def _unit(pose: FloatArray) -> FloatArray:
-    return se3.compose(pose[:3, :3], pose[:3, 3] / np.linalg.norm(pose[:3, 3]))
-
-
-def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
+def distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
+    """Return the distance between the cameras of two poses."""
     return float(np.linalg.norm(se3.inverse(cam_from_world)[:3, 3] - se3.inverse(truth)[:3, 3]))
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line for each solver."""
-    parser = rounds_parser(
-        "performance.libraries", "Time and error of our solvers and of library solvers.", 20
-    )
-    rounds = parser.parse_args(arguments).rounds
-    scene = Scene.random()
-    for problem in (
-        triangulation,
-        resection,
-        relative_pose,
-        local_bundle_adjustment,
-    ):
-        print(measure(problem(scene), rounds))
-
-
-if __name__ == "__main__":
-    main()

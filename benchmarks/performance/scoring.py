@@ -1,67 +1,40 @@
-"""Time of the frame metrics on 20 frames of 256x256, beside scikit-image's SSIM.
+"""Frame metrics on 20 frames of 256x256, next to those of scikit-image."""
 
-`PYTHONPATH=benchmarks python -m performance.scoring [ROUNDS]`
-
-The metrics are timed one after the other, after one round of warm-up.
-"""
-
-import functools
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
-from skimage.metrics import structural_similarity
+from skimage import metrics
 
 from geovp_classic import registry
-from geovp_classic.errors import GeovpError
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
-from performance import rounds_parser, timed
-
-NUM_FRAMES, SIZE_PX = 20, 256
+from geovp_classic.types import ByteArray, FloatArray
+from performance import Comparison
 
 
-def skimage_ssim(
-    predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
-) -> FloatArray:
-    """SSIM [F] with the Gaussian window of Wang 2004, of frames [F, H, W, 3]."""
-    given = {
-        "channel_axis": -1,
-        "gaussian_weights": True,
-        "sigma": 1.5,
-        "use_sample_covariance": False,
-    }
-    pairs = zip(predicted, target, strict=True)
-    scores = [structural_similarity(a, b, **given) for a, b in pairs]  # type: ignore[no-untyped-call]
-    return np.array(scores)
-
-
-def line(name: str, rounds: int) -> str:
-    """The time a frame of one metric, or why there is none."""
+def comparisons(size_px: int = 256) -> list[Comparison]:
+    """Return the comparisons of PSNR and SSIM on random frames."""
     rng = np.random.default_rng(0)
-    try:
-        score = (
-            skimage_ssim
-            if name == "skimage's ssim"
-            else registry.build("frame_metrics", {"name": name})
+    frames = rng.integers(0, 256, (2, 20, size_px, size_px, 3), dtype=np.uint8)
+    rivals = {"psnr": metrics.peak_signal_noise_ratio, "ssim": skimage_ssim}
+
+    def comparison(name: str, rival: Callable[..., object]) -> Comparison:
+        ours = registry.build("frame_metrics", {"name": name})
+        return Comparison(
+            name,
+            lambda: ours(*frames, None),
+            "scikit-image",
+            lambda: [rival(*pair) for pair in zip(*frames, strict=True)],
         )
-        taken_s = []
-        for _ in range(rounds + 1):
-            predicted, target = rng.integers(
-                0, 256, (2, NUM_FRAMES, SIZE_PX, SIZE_PX, 3), dtype=np.uint8
-            )
-            taken_s.append(timed(functools.partial(score, predicted, target, None))[1])
-    except GeovpError as error:
-        return f"{name}: {error}"
-    clock_ms, processor_ms = 1e3 * np.median(taken_s[1:], axis=0) / NUM_FRAMES
-    return f"{name}: {clock_ms:.1f} ms a frame, of the processor {processor_ms:.1f} ms"
+
+    return [comparison(name, rival) for name, rival in rivals.items()]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line for each metric."""
-    parser = rounds_parser("performance.scoring", "Time of the frame metrics.", 8)
-    rounds = parser.parse_args(arguments).rounds
-    for name in ("psnr", "ssim", "skimage's ssim", "lpips"):
-        print(line(name, rounds))
-
-
-if __name__ == "__main__":
-    main()
+def skimage_ssim(predicted: ByteArray, target: ByteArray) -> FloatArray:
+    """Return SSIM with the Gaussian window of Wang et al. 2004, of frames [H, W, 3]."""
+    return metrics.structural_similarity(
+        predicted,
+        target,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+    )

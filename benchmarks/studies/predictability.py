@@ -18,22 +18,18 @@ import numpy.typing as npt
 from geovp_benchmarks.analysis.intervals import Interval, interval
 from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.evaluation.forecasting import read_sequences
-from geovp_benchmarks.fitting.plausibility import Drivability
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.body_motion import over_plane
 from geovp_classic.forecasting.constant import ConstantTurn
-from geovp_classic.forecasting.motion_network import (
-    MIRRORED_TWIST,
-    Standardisation,
-    past_features,
-)
+from geovp_classic.forecasting.motion_network import MIRRORED_TWIST, past_features
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import FloatArray, Trajectory
+from studies.fitting.windows import STEP_S, drivable_steps
 
 COMPONENTS = ("along", "across", "height", "pitch", "roll", "yaw")
 
@@ -147,12 +143,15 @@ class Ridge:
         self, twists: FloatArray, target: FloatArray, unseen: FloatArray
     ) -> FloatArray:
 
-        features = past_features(twists[:, -self.num_steps :])
-        standardise = Standardisation.of(features)
-        inputs = standardise(features).astype(np.float64)
+        features, new_features = (
+            past_features(values[:, -self.num_steps :]) for values in (twists, unseen)
+        )
+        mean, deviation = features.mean(axis=0), features.std(axis=0) + 1e-6
+        inputs, new_inputs = (
+            np.clip((values - mean) / deviation, -8, 8) for values in (features, new_features)
+        )
         normal_matrix = inputs.T @ inputs + self.penalty * len(inputs) * np.eye(inputs.shape[1])
         weights = np.linalg.solve(normal_matrix, inputs.T @ target.reshape(len(inputs), -1))
-        new_inputs = standardise(past_features(unseen[:, -self.num_steps :]))
         return (new_inputs @ weights).reshape(len(unseen), *target.shape[1:])
 
 
@@ -163,7 +162,6 @@ class Predictability:
     horizons: tuple[int, ...] = (1, 5, 10, 15, 20)
     num_steps: int = 29  # of the past
     num_observed: int = 10  # poses that forecasters see
-    step_s: float = 0.1037  # frame interval of KITTI
     # penalties were selected on 00, 02, 08, 09, 01 and 04
     learners: Mapping[str, Ridge] = field(
         default_factory=lambda: {"linear, 0.9 s": Ridge(9, 0.03), "linear, 3 s": Ridge(29, 0.1)}
@@ -179,7 +177,7 @@ class Predictability:
         for seed, (name, recorded) in tracked(
             enumerate(sequences.items()), len(sequences), progress
         ):
-            is_drivable = Drivability().steps(recorded)
+            is_drivable = drivable_steps(recorded)
             noisy = add_noise(recorded, pose_noise(recorded), seed)
             for last in range(self.num_steps + 1, len(recorded) - self.horizons[-1], stride):
                 first = last - self.num_steps - 1
@@ -206,7 +204,7 @@ class Predictability:
         prior = deviations(MotionPrior().forecast(observed, times_s)[0], observed, base)
         redrawn = past.world_from_cam[-1] @ se3.inverse(noisy[last]) @ noisy[future]
         noise = deviations(redrawn, observed, base) - truth
-        return past_motion.twists_per_s(past, self.step_s, self.num_steps), truth, prior, noise
+        return past_motion.twists_per_s(past, STEP_S, self.num_steps), truth, prior, noise
 
 
 def planar_states(world_from_cam: FloatArray, observed: Trajectory) -> FloatArray:

@@ -3,8 +3,8 @@
 The last pose contains suspension motion, which decays within a second. A linear map of the past
 twists predicts it; the residual is Student's t, and its scale grows with the past motion.
 
-`geovp forecast fit-body-motion` fits the coefficients to ground-truth poses of KITTI odometry 00,
-02, 08 and 09 (Geiger et al. 2012). They are CC BY-NC-SA 3.0 and not included.
+The coefficients are fitted to ground-truth poses of KITTI odometry 00, 02, 08 and 09 (Geiger et
+al. 2012) by `benchmarks/studies/fitting`. The poses are CC BY-NC-SA 3.0 and not included.
 """
 
 import functools
@@ -35,65 +35,30 @@ class Coefficients:
     weights: FloatArray  # [P * 6, F * 3], metres and radians
     spread: FloatArray  # [5, F * 3], of the logarithm of a residual's scale
     degrees: FloatArray  # [3], of freedom of Student's t: heave, pitch, roll
-    max_feature: float = 4.0  # in root mean squares; larger twists are outliers
-    noise_floor: tuple[float, float, float] = (
-        0.05,
-        0.01,
-        0.01,
-    )  # m/s, rad/s: noise of the rates
-
-    @property
-    def num_past_steps(self) -> int:
-        """P, the number of past steps."""
-        return len(self.scale) // 6
 
     def means(
         self,
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return heave (m, downwards), pitch and roll (rad) [N, F, 3]."""
-        return (self.features(twists) @ self.weights).reshape(
-            len(twists), -1, 3
-        )
+        # Changes beyond four root mean squares are outliers.
+        features = np.clip(changes(twists) / self.scale, -4.0, 4.0)
+        return (features @ self.weights).reshape(len(twists), -1, 3)
 
     def scales(
         self,
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return the scales [N, F, 3] of the residual."""
-        return np.exp(self.motion_features(twists) @ self.spread).reshape(
-            len(twists), -1, 3
-        )
-
-    def features(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-    ) -> FloatArray:
-        """Return scaled and clipped changes [N, P * 6]."""
-        return np.clip(
-            changes(twists) / self.scale, -self.max_feature, self.max_feature
-        )
-
-    def motion_features(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-    ) -> FloatArray:
-        """Return [N, 5]: 1, and logarithms of heave, pitch and roll rates and of the speed."""
-        rates = np.sqrt((twists[..., BODY_AXES] ** 2).mean(axis=1))
-        speed = np.abs(twists[..., Axis.FORWARD]).mean(axis=1)
-        log_rates = np.log(np.hypot(rates, self.noise_floor))
-        return np.column_stack(
-            [np.ones(len(twists)), log_rates, np.log1p(speed)]
-        )
+        log_scales = motion_features(twists) @ self.spread
+        return np.exp(log_scales).reshape(len(twists), -1, 3)
 
 
 @dataclass(frozen=True)
 class BodyMotion:
     """Heave, pitch and roll for the poses of a planar forecast."""
 
-    coefficients: Path | None = (
-        None  # a file of `fit-body-motion`; None: the packaged one
-    )
+    coefficients: Path | None = None  # a file; None: the packaged one
 
     def added_to(
         self,
@@ -115,15 +80,20 @@ class BodyMotion:
     ) -> BodyForecast:
         """Return body motion at F times after at least two metric poses.
 
-        It is constant beyond the fitted 2.1 s.
+        It is 0 at the last pose and constant beyond the fitted 2.1 s.
         """
         fitted = load(self.coefficients)
-        twists = past_motion.twists_per_s(
-            past, fitted.step_s, fitted.num_past_steps
-        )[None]
+        num_past_steps = len(fitted.scale) // 6
+        twists = past_motion.twists_per_s(past, fitted.step_s, num_past_steps)
         steps = (times_s - past.times_s[-1]) / fitted.step_s
-        means = _interpolated(fitted.means(twists)[0], steps)
-        scales = _interpolated(fitted.scales(twists)[0], steps)
+
+        def interpolated(states: FloatArray) -> FloatArray:
+            nodes = np.concatenate([np.zeros((1, 3)), states])
+            spline = make_interp_spline(np.arange(len(nodes)), nodes, k=1)
+            return spline(np.minimum(steps, len(states)))
+
+        means = interpolated(fitted.means(twists[None])[0])
+        scales = interpolated(fitted.scales(twists[None])[0])
         return BodyForecast(means, scales, fitted.degrees)
 
 
@@ -131,11 +101,21 @@ def changes(
     twists: FloatArray,  # [N, P, 6], per second
 ) -> FloatArray:
     """Return twists [N, P * 6] less their mean speed: 0 for steady straight driving."""
+    mean_speed = twists[..., Axis.FORWARD].mean(axis=1, keepdims=True)
     changes = twists.copy()
-    changes[..., Axis.FORWARD] -= changes[..., Axis.FORWARD].mean(
-        axis=1, keepdims=True
-    )
+    changes[..., Axis.FORWARD] -= mean_speed
     return changes.reshape(len(changes), -1)
+
+
+def motion_features(
+    twists: FloatArray,  # [N, P, 6], per second
+    noise_floor: tuple[float, ...] = (0.05, 0.01, 0.01),  # m/s, rad/s
+) -> FloatArray:
+    """Return [N, 5]: 1, and logarithms of heave, pitch and roll rates and of the speed."""
+    rates = np.sqrt((twists[..., BODY_AXES] ** 2).mean(axis=1))
+    speed = np.abs(twists[..., Axis.FORWARD]).mean(axis=1)
+    log_rates = np.log(np.hypot(rates, noise_floor))
+    return np.column_stack([np.ones(len(twists)), log_rates, np.log1p(speed)])
 
 
 def over_plane(
@@ -154,29 +134,14 @@ def over_plane(
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    source = path or Path(
-        str(resources.files("geovp_classic.poses") / "body_motion.npz")
-    )
+    packaged = resources.files("geovp_classic.poses") / "body_motion.npz"
+    source = path or Path(str(packaged))
+    arrays = files.finite_arrays(source)
     try:
-        arrays = files.finite_arrays(source)
-        return Coefficients(
-            step_s=float(arrays["step_s"]),
-            scale=arrays["scale"].astype(np.float64),
-            weights=arrays["weights"].astype(np.float64),
-            spread=arrays["spread"].astype(np.float64),
-            degrees=arrays["degrees"].astype(np.float64),
-        )
+        names = ("scale", "weights", "spread", "degrees")
+        columns = [arrays[name].astype(np.float64) for name in names]
+        return Coefficients(float(arrays["step_s"]), *columns)
     except (ValueError, KeyError, TypeError) as error:
         raise BadData(
-            f"{source} holds no body motion ({error}): write one with fit-body-motion"
+            f"{source} holds no body motion ({error}): fit one with `benchmarks/studies fitting`"
         ) from error
-
-
-def _interpolated(
-    states: FloatArray,  # [F, 3], at 1..F steps
-    steps: FloatArray,  # [T]
-) -> FloatArray:
-    """Return values [T, 3] at T numbers of steps from states [F, 3] at 1..F steps; 0 at step 0."""
-    nodes = np.concatenate([np.zeros((1, 3)), states])
-    spline = make_interp_spline(np.arange(len(nodes)), nodes, k=1)
-    return spline(np.minimum(steps, len(states)))

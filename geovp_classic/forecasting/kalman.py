@@ -1,7 +1,7 @@
 """Kalman forecasters on the vehicle's plane: CTRV and CTRA, extended or unscented.
 
-Past poses are measurements of (x, z, yaw); the future is predicted without measurements. `geovp
-forecast fit-kalman` fits the noise in `turn_rate.toml` by maximum likelihood.
+Past poses are measurements of (x, z, yaw); the future is predicted without measurements.
+`benchmarks/studies/fitting` fits the noise in `turn_rate.toml` by maximum likelihood.
 """
 
 import functools

@@ -4,11 +4,10 @@ The past is twists per second [N, P, 6] of the camera over P steps of an even gr
 future are as likely as their mirror images.
 """
 
-from dataclasses import dataclass, field
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit, softmax
 
 from geovp_classic.forecasting.past_motion import Axis
 from geovp_classic.types import FloatArray
@@ -19,176 +18,70 @@ MIRRORED_STATE = np.array([-1.0, 1.0, -1.0])
 
 @dataclass(frozen=True)
 class Network:
-    """Ensemble of M multilayer perceptrons with SiLU activations."""
-
-    weights: tuple[FloatArray, ...]  # each [M, in, out]
-    biases: tuple[FloatArray, ...]  # each [M, 1, out]
-
-    def __call__(self, features: FloatArray) -> FloatArray:
-        """Return outputs [M, N, out] of standardised features [N, in]."""
-        hidden = features
-        for weight, bias in zip(
-            self.weights[:-1], self.biases[:-1], strict=True
-        ):
-            linear = hidden @ weight + bias
-            hidden = linear * expit(linear)
-        return hidden @ self.weights[-1] + self.biases[-1]
-
-
-@dataclass(frozen=True)
-class Standardisation:
-    """Features of mean 0 and deviation 1, clipped at `limit` deviations."""
+    """Ensemble of M multilayer perceptrons with SiLU activations on standardised features."""
 
     mean: FloatArray  # [in]
     deviation: FloatArray  # [in]
-    limit: float = 8.0
-
-    @classmethod
-    def of(
-        cls,
-        features: FloatArray,  # [N, in]
-        limit: float = 8.0,
-    ) -> Self:
-        """Return the standardisation of features [N, in]."""
-        return cls(features.mean(0), features.std(0) + 1e-6, limit)
+    limit: float  # deviations at which features are clipped
+    weights: list[FloatArray]  # each [M, in, out]
+    biases: list[FloatArray]  # each [M, 1, out]
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """Return standardised features [N, in], float32."""
+        """Return outputs [M, N, out] of features [N, in]."""
+        hidden = self.standardised(features).astype(np.float32)
+        *inner, last = zip(self.weights, self.biases, strict=True)
+        for weight, bias in inner:
+            linear = hidden @ weight + bias
+            hidden = linear * expit(linear)
+        return hidden @ last[0] + last[1]
+
+    def standardised(self, features: FloatArray) -> FloatArray:
+        """Return features [N, in] of mean 0 and deviation 1, clipped."""
         standardised = (features - self.mean) / self.deviation
-        return np.clip(standardised, -self.limit, self.limit).astype(np.float32)
+        return np.clip(standardised, -self.limit, self.limit)
 
 
 @dataclass(frozen=True)
-class DampedTurn:
-    """Motion at constant acceleration, without reversing, and with a decaying turn rate."""
-
-    turn_decay: float = 0.95  # of the turn rate, per step
-    num_recent: int = 3  # steps that give the turn rate and the acceleration
-
-    def __call__(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-        step_s: float,
-        num_steps: int,
-    ) -> FloatArray:
-        """Return states [N, F, 3] after twists [N, P, 6]."""
-        past = twists[..., Axis.FORWARD]
-        last = past[:, -1:]
-        earlier = past[:, -1 - self.num_recent, None]
-        change = (last - earlier) / self.num_recent  # per step
-        speeds = last + change * np.arange(num_steps + 1)
-        speeds = np.where(
-            speeds * last < 0, 0.0, speeds
-        )  # braking ends at rest
-        turn_rate = twists[:, -self.num_recent :, Axis.YAW].mean(axis=1)
-        decay = self.turn_decay ** np.arange(1, num_steps + 1)
-        turns = turn_rate[:, None] * decay * step_s
-        yaw = np.cumsum(turns, axis=1)
-        chord_yaw = yaw - turns / 2
-        chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
-        x = np.cumsum(chord * np.sin(chord_yaw), axis=1)
-        z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
-        return np.stack([x, z, yaw], axis=-1)
-
-
-@dataclass(frozen=True)
-class CentreModel:
-    """The central path: a damped turn, corrected by a network."""
+class Coefficients:
+    """Fitted models of the motion prior: F future steps, K modes of D smooth deviations."""
 
     step_s: float
-    inputs: Standardisation
-    scale: FloatArray  # [F, 3], of the corrections
-    network: Network
-    baseline: DampedTurn = field(default_factory=DampedTurn)
+    centre_scale: FloatArray  # [F, 3], of the corrections of a damped turn
+    centre: Network
+    spread: Network
+    basis: FloatArray  # [F, 3, D], the deviations as (right, ahead, yaw) of the path
+    residual_variance: FloatArray  # [F, 3], outside the basis
 
-    def __call__(
+    def central_paths(
         self,
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return states [N, F, 3], averaged over the ensemble and the mirror image."""
         both = with_mirrored(twists)
-        outputs = self.network(self.inputs(past_features(both))).mean(0)
-        corrections = outputs.reshape(len(both), *self.scale.shape) * self.scale
-        paths = self.baseline(both, self.step_s, len(self.scale)) + corrections
+        corrections = self.centre(past_features(both)).mean(axis=0)
+        shape = self.centre_scale.shape
+        paths = damped_turn(both, self.step_s, len(self.centre_scale))
+        paths += corrections.reshape(-1, *shape) * self.centre_scale
         ahead, mirrored = np.split(paths, 2)
         return 0.5 * (ahead + mirrored * MIRRORED_STATE)
 
-
-@dataclass(frozen=True)
-class SpreadFeatures:
-    """Inputs of the spread: the past, the central path, and logarithms of how much both change."""
-
-    path_steps: tuple[int, ...] = (4, 9, 19)
-    num_recent: int = 3
-    limit: float = 3.0  # deviations; faster driving than in training has the spread of the fastest
-
-    def __call__(
+    def modes(
         self,
-        twists: FloatArray,  # [N, P, 6], per second
-        centre: FloatArray,  # [N, F, 3]
-    ) -> FloatArray:
-        """Return features [N, in] of twists [N, P, 6] and central paths [N, F, 3]."""
-        columns = [
-            past_features(twists),
-            twists[..., Axis.FORWARD].mean(axis=1),
-            centre[:, self.path_steps].reshape(len(twists), -1),
-            self._log_changes(twists),
-            np.log(np.abs(centre[:, -1, 2]) + 1e-2),
-        ]
-        return np.column_stack(columns)
-
-    def _log_changes(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-    ) -> FloatArray:
-        """Return logarithms [N, 17] of jitter, changes, turn rates, speed and acceleration."""
-        noise_floor = np.repeat([1e-2, 1e-3], 3)  # m/s, rad/s
-        jitter = np.sqrt((np.diff(twists, 2, axis=1) ** 2).mean(axis=1))
-        changes = np.sqrt((np.diff(twists, axis=1) ** 2).mean(axis=1))
-        recent_change = np.abs(twists[:, -1] - twists[:, -1 - self.num_recent])
-        turn_rate = np.abs(twists[..., Axis.YAW])
-        speed = np.abs(twists[..., Axis.FORWARD])
-        columns = [
-            jitter + noise_floor,
-            changes + noise_floor,
-            turn_rate.mean(axis=1) + 1e-3,
-            turn_rate[:, -self.num_recent :].mean(axis=1) + 1e-3,
-            recent_change[:, Axis.YAW] + 1e-3,
-            speed.mean(axis=1) + 0.1,
-            recent_change[:, Axis.FORWARD] + 0.03,
-        ]
-        return np.log(np.column_stack(columns))
-
-
-@dataclass(frozen=True)
-class SpreadModel:
-    """Mixture of K Gaussians over amounts of D smooth deviations (Bishop 1994)."""
-
-    inputs: Standardisation
-    network: Network
-    basis: FloatArray  # [F, 3, D], the deviations as (right, ahead, yaw) of the path
-    residual_variance: FloatArray  # [F, 3], outside the basis
-    num_modes: int
-    features: SpreadFeatures = field(default_factory=SpreadFeatures)
-
-    def __call__(
-        self,
-        twists: FloatArray,  # [1, P, 6]
-        centre: FloatArray,  # [1, F, 3]
+        twists: FloatArray,  # [1, P, 6], per second
+        centre: FloatArray,  # [1, F, 3], the central path
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return weights [2K], means [2K, D] and deviations [2K, D].
+        """Return weights [2K], means [2K, D] and deviations [2K, D] of Gaussians (Bishop 1994).
 
         The second half is of the mirrored past and belongs to the mirrored basis.
         """
-        features = self.features(with_mirrored(twists), with_mirrored(centre))
-        outputs = self.network(self.inputs(features)).astype(np.float64)
-        by_side = np.swapaxes(outputs, 0, 1)  # [2, M, ...]
-        log_weights, means, log_deviations = mixture_parameters(
-            by_side, self.num_modes
-        )
-        weights = np.exp(log_weights).reshape(-1)
-        depth = means.shape[-1]
-        deviations = np.exp(log_deviations)
+        features = spread_features(with_mirrored(twists), with_mirrored(centre))
+        outputs = np.swapaxes(self.spread(features), 0, 1).astype(np.float64)
+        depth = self.basis.shape[-1]
+        num_modes = outputs.shape[-1] // (1 + 2 * depth)
+        borders = [num_modes, num_modes * (1 + depth)]
+        logits, means, log_deviations = np.split(outputs, borders, axis=-1)
+        weights = softmax(logits, axis=-1).reshape(-1)
+        deviations = np.exp(np.clip(log_deviations, -4.0, 3.0))
         return (
             weights / weights.sum(),
             means.reshape(-1, depth),
@@ -196,18 +89,28 @@ class SpreadModel:
         )
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Fitted models of the motion prior."""
-
-    centre: CentreModel
-    spread: SpreadModel
-
-
-def with_mirrored(values: FloatArray) -> FloatArray:
-    """Return twists [N, P, 6] or states [N, F, 3], followed by their mirror images [2N, ...]."""
-    sign = MIRRORED_TWIST if values.shape[-1] == 6 else MIRRORED_STATE
-    return np.concatenate([values, values * sign])
+def damped_turn(
+    twists: FloatArray,  # [N, P, 6], per second
+    step_s: float,
+    num_steps: int,
+    turn_decay: float = 0.95,  # of the turn rate, per step
+    num_recent: int = 3,  # steps that give the turn rate and the acceleration
+) -> FloatArray:
+    """Return states [N, F, 3] at constant acceleration, with a decaying turn rate."""
+    past = twists[..., Axis.FORWARD]
+    last = past[:, -1:]
+    change = (last - past[:, -1 - num_recent, None]) / num_recent  # per step
+    speeds = last + change * np.arange(num_steps + 1)
+    speeds[speeds * last < 0] = 0.0  # braking ends at rest
+    turn_rate = twists[:, -num_recent:, Axis.YAW].mean(axis=1)
+    decay = turn_decay ** np.arange(1, num_steps + 1)
+    turns = turn_rate[:, None] * decay * step_s
+    yaw = np.cumsum(turns, axis=1)
+    chord_yaw = yaw - turns / 2
+    chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
+    x = np.cumsum(chord * np.sin(chord_yaw), axis=1)
+    z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
+    return np.stack([x, z, yaw], axis=-1)
 
 
 def past_features(
@@ -218,16 +121,39 @@ def past_features(
     return steps.reshape(len(twists), -1)
 
 
-def mixture_parameters(
-    outputs: FloatArray,  # [..., K * (1 + 2 D)]
-    num_modes: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return log weights [..., K], means [..., K, D] and log deviations [..., K, D]."""
-    depth = (outputs.shape[-1] // num_modes - 1) // 2
-    shape = (*outputs.shape[:-1], num_modes, depth)
-    logits, means, log_deviations = np.split(
-        outputs, [num_modes, num_modes * (1 + depth)], axis=-1
+def spread_features(
+    twists: FloatArray,  # [N, P, 6], per second
+    centre: FloatArray,  # [N, F, 3], the central paths
+    num_recent: int = 3,  # steps
+) -> FloatArray:
+    """Return the past, the central path, and logarithms of how much both change [N, in]."""
+    noise_floor = np.repeat([1e-2, 1e-3], 3)  # m/s, rad/s
+    jitter = np.sqrt((np.diff(twists, 2, axis=1) ** 2).mean(axis=1))
+    changes = np.sqrt((np.diff(twists, axis=1) ** 2).mean(axis=1))
+    recent_change = np.abs(twists[:, -1] - twists[:, -1 - num_recent])
+    turn_rate = np.abs(twists[..., Axis.YAW])
+    speed = twists[..., Axis.FORWARD]
+    motion = [
+        jitter + noise_floor,
+        changes + noise_floor,
+        turn_rate.mean(axis=1) + 1e-3,
+        turn_rate[:, -num_recent:].mean(axis=1) + 1e-3,
+        recent_change[:, Axis.YAW] + 1e-3,
+        np.abs(speed).mean(axis=1) + 0.1,
+        recent_change[:, Axis.FORWARD] + 0.03,
+        np.abs(centre[:, -1, 2]) + 1e-2,
+    ]
+    return np.column_stack(
+        [
+            past_features(twists),
+            speed.mean(axis=1),
+            centre[:, [4, 9, 19]].reshape(len(twists), -1),
+            np.log(np.column_stack(motion)),
+        ]
     )
-    log_weights = logits - logsumexp(logits, axis=-1, keepdims=True)
-    log_deviations = np.clip(log_deviations, -4.0, 3.0)
-    return log_weights, means.reshape(shape), log_deviations.reshape(shape)
+
+
+def with_mirrored(values: FloatArray) -> FloatArray:
+    """Return twists [N, P, 6] or states [N, F, 3], followed by their mirror images [2N, ...]."""
+    sign = MIRRORED_TWIST if values.shape[-1] == 6 else MIRRORED_STATE
+    return np.concatenate([values, values * sign])

@@ -6,9 +6,9 @@ second gives a mixture of Gaussians over smooth deviations from this path (turni
 to the errors of the first on held-out roads. Finally, the size of the predictive regions is
 calibrated step by step.
 
-`geovp forecast fit-prior` fits the coefficients to ground-truth poses of KITTI odometry 00, 02, 08
-and 09, and the size of the regions to 01 and 04 as well (Geiger et al. 2012). They are CC BY-NC-SA
-3.0 and not included.
+The coefficients are fitted to ground-truth poses of KITTI odometry 00, 02, 08 and 09, and the size
+of the regions to 01 and 04 as well (Geiger et al. 2012), by `benchmarks/studies/fitting`. The poses
+are CC BY-NC-SA 3.0 and not included.
 """
 
 import functools
@@ -25,12 +25,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_network import (
     MIRRORED_STATE,
-    CentreModel,
     Coefficients,
     Network,
-    SpreadFeatures,
-    SpreadModel,
-    Standardisation,
 )
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar, se3
@@ -46,13 +42,9 @@ class MotionPrior(PlanarForecaster):
     keeps its last speed and turn rate.
     """
 
-    coefficients: Path | None = (
-        None  # a file of `fit-prior`; None: the packaged one
-    )
-    num_past_steps: int = 9
-    max_turn_rad_s: float = (
-        1.5  # faster turns are not in the training poses, and are clipped
-    )
+    coefficients: Path | None = None  # a file; None: the packaged one
+    # Faster turns are not in the training poses, and are clipped.
+    max_turn_rad_s: float = 1.5
 
     def paths(
         self,
@@ -66,11 +58,9 @@ class MotionPrior(PlanarForecaster):
         if len(past) == 1 or (is_stationary and num_samples == 1):
             return np.zeros((num_samples, len(ahead_s), 3))
         mixture = self._mixture(past, ahead_s)
-        return (
-            mixture.centre[None]
-            if num_samples == 1
-            else mixture.sample(num_samples, self.seed)
-        )
+        if num_samples == 1:
+            return mixture.centre[None]
+        return mixture.sample(num_samples, self.seed)
 
     def modes(
         self,
@@ -92,12 +82,10 @@ class MotionPrior(PlanarForecaster):
         ahead_s: FloatArray,  # [F]
     ) -> "PathMixture":
         fitted = load(self.coefficients)
-        twists = past_motion.twists_per_s(
-            past, fitted.centre.step_s, self.num_past_steps
-        )
-        twists[:, 3:] = np.clip(
-            twists[:, 3:], -self.max_turn_rad_s, self.max_turn_rad_s
-        )
+        num_past_steps = len(fitted.centre.mean) // 6
+        twists = past_motion.twists_per_s(past, fitted.step_s, num_past_steps)
+        limit = self.max_turn_rad_s
+        twists[:, 3:] = np.clip(twists[:, 3:], -limit, limit)
         return path_mixture(fitted, twists[None], ahead_s)
 
 
@@ -120,17 +108,14 @@ class PathMixture:
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
         white = rng.standard_normal((num_samples, self.roots.shape[-1]))
-        return self.means[modes] + np.einsum(
-            "stid,sd->sti", self.roots[modes], white
-        )
+        deviations = np.einsum("stid,sd->sti", self.roots[modes], white)
+        return self.means[modes] + deviations
 
     @property
     def covariances(self) -> FloatArray:
         """Covariances [K, T, 3, 3] of (x, z, yaw)."""
-        return (
-            self.roots @ np.swapaxes(self.roots, -1, -2)
-            + self.residual_covariance
-        )
+        smooth = self.roots @ np.swapaxes(self.roots, -1, -2)
+        return smooth + self.residual_covariance
 
 
 def path_mixture(
@@ -139,84 +124,64 @@ def path_mixture(
     ahead_s: FloatArray,  # [T]
 ) -> PathMixture:
     """Return the distribution of paths after one past."""
-    grid = fitted.centre(twists)
-    weights, means, deviations = fitted.spread(twists, grid)
-    steps = ahead_s / fitted.centre.step_s
+    grid = fitted.central_paths(twists)
+    weights, means, deviations = fitted.modes(twists, grid)
+    steps = ahead_s / fitted.step_s
     centre = _path_at(grid[0], steps)
     # Deviations are 0 at time 0, linear between the steps of the grid, and continue beyond it.
     nodes = np.arange(grid.shape[1] + 1)
-    interpolation = make_interp_spline(nodes, np.eye(len(nodes)), k=1)(steps)[
-        :, 1:
-    ]  # [T, F]
-    basis = np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
+    hats = make_interp_spline(nodes, np.eye(len(nodes)), k=1)
+    interpolation = hats(steps)[:, 1:]  # [T, F]
+    basis = np.einsum("tf,fid->tid", interpolation, fitted.basis)
     both = np.stack([basis, basis * MIRRORED_STATE[:, None]])
-    variance = interpolation**2 @ fitted.spread.residual_variance
-    rotations = Rotation.from_euler(
-        "z", -centre[:, 2:]
-    ).as_matrix()  # from (right, ahead, yaw)
-    bases = np.repeat(
-        rotations @ both, len(weights) // 2, axis=0
-    )  # [K, T, 3, D]
+    variance = interpolation**2 @ fitted.residual_variance
+    # From (right, ahead, yaw) of the path.
+    rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()
+    covariance = (rotations * variance[:, None]) @ np.swapaxes(rotations, 1, 2)
+    bases = np.repeat(rotations @ both, len(weights) // 2, axis=0)
     return PathMixture(
         centre=centre,
         weights=weights,
         means=centre + np.einsum("ktid,kd->kti", bases, means),
         roots=bases * deviations[:, None, None],
-        residual_covariance=(rotations * variance[:, None])
-        @ np.swapaxes(rotations, 1, 2),
+        residual_covariance=covariance,
     )
 
 
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    source = path or Path(
-        str(resources.files("geovp_classic.poses") / "motion_prior.npz")
-    )
+    packaged = resources.files("geovp_classic.poses") / "motion_prior.npz"
+    source = path or Path(str(packaged))
+    arrays = files.finite_arrays(source)
+
+    def network(name: str, limit: float) -> Network:
+        return Network(
+            mean=arrays[f"{name}_mean"],
+            deviation=arrays[f"{name}_deviation"],
+            limit=limit,
+            weights=[arrays[f"{name}_weight{layer}"] for layer in range(3)],
+            biases=[arrays[f"{name}_bias{layer}"] for layer in range(3)],
+        )
+
     try:
-        fitted = unpacked(files.finite_arrays(source))
-        num_past_steps = len(fitted.centre.inputs.mean) // 6
-        path_mixture(
-            fitted, np.zeros((1, num_past_steps, 6)), np.ones(1)
-        )  # checks the shapes
+        fitted = Coefficients(
+            step_s=float(arrays["step_s"]),
+            centre_scale=arrays["centre_scale"],
+            centre=network("centre", limit=8.0),
+            # Faster driving than in training has the spread of the fastest.
+            spread=network("spread", limit=3.0),
+            basis=arrays["basis"],
+            residual_variance=arrays["floor"],
+        )
+        num_past_steps = len(fitted.centre.mean) // 6
+        no_motion = np.zeros((1, num_past_steps, 6))
+        path_mixture(fitted, no_motion, np.ones(1))  # checks the shapes
         return fitted
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise BadData(
-            f"{source} holds no motion prior ({error}): write one with fit-prior"
+            f"{source} holds no motion prior ({error}): fit one with `benchmarks/studies fitting`"
         ) from error
-
-
-def unpacked(table: dict[str, FloatArray]) -> Coefficients:
-    """Return the coefficients in the arrays of a file, as `fitting.prior.packed` names them."""
-
-    def network(name: str) -> Network:
-        layers = range(sum(key.startswith(f"{name}_weight") for key in table))
-        weights = tuple(table[f"{name}_weight{layer}"] for layer in layers)
-        biases = tuple(table[f"{name}_bias{layer}"] for layer in layers)
-        return Network(weights, biases)
-
-    def inputs(
-        name: str,
-        limit: float,
-    ) -> Standardisation:
-        return Standardisation(
-            table[f"{name}_mean"], table[f"{name}_deviation"], limit
-        )
-
-    centre = CentreModel(
-        step_s=float(table["step_s"]),
-        inputs=inputs("centre", Standardisation.limit),
-        scale=table["centre_scale"],
-        network=network("centre"),
-    )
-    spread = SpreadModel(
-        inputs=inputs("spread", SpreadFeatures.limit),
-        network=network("spread"),
-        basis=table["basis"],
-        residual_variance=table["floor"],
-        num_modes=int(table["num_modes"]),
-    )
-    return Coefficients(centre, spread)
 
 
 def _path_at(
@@ -225,9 +190,8 @@ def _path_at(
 ) -> FloatArray:
     """Return states [T, 3]: a cubic spline, and beyond the grid its last screw motion."""
     nodes = np.concatenate([np.zeros((1, 3)), grid])
-    states = CubicSpline(np.arange(len(nodes)), nodes)(
-        np.minimum(steps, len(grid))
-    )
+    spline = CubicSpline(np.arange(len(nodes)), nodes)
+    states = spline(np.minimum(steps, len(grid)))
     is_beyond = steps > len(grid)
     ends = planar.lift(nodes[-2:], np.eye(4), np.eye(4))
     times = np.array([len(grid) - 1.0, len(grid)])

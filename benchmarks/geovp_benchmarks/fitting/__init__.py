@@ -1,1 +1,0 @@
-"""Fits of the forecasters' constants to recorded poses."""

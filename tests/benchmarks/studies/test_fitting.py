@@ -1,0 +1,225 @@
+"""Fits of the forecasters to made drives: drivability, windows, networks, spreads and files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+pytest.importorskip("torch", reason="torch is not installed: fits need the extra 'learned'")
+
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting import kalman as shipped
+from geovp_classic.forecasting import motion_network, motion_prior
+from geovp_classic.forecasting.body_motion import BodyMotion, over_plane
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Trajectory
+from studies import command_line
+from studies.fitting import body_motion, kalman, windows
+from studies.fitting import motion_prior as fitting
+from studies.fitting.motion_prior import Ensemble, PriorFit
+from studies.fitting.windows import STEP_S, drivable_steps
+
+LEVER_M = 1.6  # from the rear axle to the camera
+SMALL = PriorFit(Ensemble(1, 8, 40), Ensemble(1, 8, 40), num_modes=2, depth=3)
+
+
+def twists(num_steps: int, seed: int = 0) -> FloatArray:
+    """Return velocities [N, 6] of a camera on a car that turns and accelerates."""
+    time_s = np.arange(num_steps) * STEP_S
+    rates = np.zeros((num_steps, 6))
+    rates[:, 2] = 8 + 3 * np.sin(time_s / 4)
+    rates[:, 4] = 0.4 * np.sin(time_s / 3 + seed) ** 3
+    rates[:, 0] = LEVER_M * rates[:, 4] + 0.01 * rates[:, 2]
+    rates[:, 1] = -0.02 * rates[:, 2]
+    noise = np.random.default_rng(seed).standard_normal(rates.shape)
+    return rates + noise * np.repeat([0.03, 0.0003], 3)
+
+
+def drive(rates: FloatArray) -> Trajectory:
+    poses = [np.eye(4)]
+    for step in se3.exp(rates * STEP_S):
+        poses.append(poses[-1] @ step)
+    return Trajectory(np.stack(poses), np.arange(len(poses)) * STEP_S, is_metric=True)
+
+
+def test_a_car_in_town_is_drivable() -> None:
+    assert drivable_steps(drive(twists(400))).all()
+
+
+def test_standing_still_is_drivable() -> None:
+    assert drivable_steps(drive(np.zeros((50, 6)))).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
+    rates = twists(400)
+    rates[200:206, axis] += 0.6
+    usable = drivable_steps(drive(rates))
+    assert not usable[201:205].any()
+    assert usable[:195].all()
+    assert usable[211:].all()
+
+
+def test_a_jump_ahead_is_found_at_both_ends() -> None:
+    rates = twists(400)
+    rates[200, 2] += 1.2
+    usable = drivable_steps(drive(rates))
+    np.testing.assert_array_equal(np.flatnonzero(~usable), [200, 201])
+
+
+def test_braking_for_a_light_is_drivable() -> None:
+    rates = np.zeros((80, 6))
+    rates[:, 2] = np.interp(np.arange(80) * STEP_S, [2.0, 5.0], [12.0, 0.0])  # 4 m/s^2
+    assert drivable_steps(drive(rates)).all()
+
+
+def test_training_windows_avoid_undrivable_steps() -> None:
+    rates = twists(120)
+    complete, _ = windows.cut(drive(rates), stride=1)
+    rates[60, 2] += 1.2  # two accelerations of 11.6 m/s^2
+    partial, _ = windows.cut(drive(rates), stride=1)
+    # Of the first half, without mirror images, 9 + 21 windows contain a step, one more its neighbour.
+    assert (len(complete) - len(partial)) / 2 == 9 + 21 + 1
+    np.testing.assert_allclose(partial[0], complete[0])
+
+
+def test_undrivable_poses_are_rejected() -> None:
+    rates = twists(200)
+    rates[::8, 2] += 3
+    with pytest.raises(BadData, match="that a car can have driven"):
+        windows.cut(drive(rates))
+
+
+def test_training_windows_of_a_circle_are_its_states() -> None:
+    times_s = np.arange(60) * STEP_S
+    twist = np.array([0, 0, 10.0, 0, 0.1, 0])
+    circle = Trajectory(se3.exp(times_s[:, None] * twist), times_s, True)
+    past, states = (np.array_split(values, 2) for values in windows.cut(circle, stride=7))
+    np.testing.assert_allclose(past[0], np.tile(twist, (len(past[0]), 9, 1)), atol=1e-6)
+    angle = 0.1 * STEP_S * 21
+    expected = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle, 0, 0, 0]
+    np.testing.assert_allclose(states[0][:, -1], np.tile(expected, (len(past[0]), 1)), atol=1e-6)
+    np.testing.assert_allclose(past[1], past[0] * motion_network.MIRRORED_TWIST)
+    np.testing.assert_allclose(states[1][:, -1, 0], -expected[0], atol=1e-6)
+
+
+def test_augmented_windows_are_scaled_stationary_noisy_or_short() -> None:
+    steady = np.tile([0.0, 0.0, 10.0, 0.0, 0.1, 0.0], (4000, 9, 1))
+    past, states = windows.augmented((steady, np.ones((4000, 21, 6))), np.random.default_rng(0))
+    scale = states[:, 0, 1]
+    is_moving = scale > 0
+    assert is_moving.mean() == pytest.approx(0.97, abs=0.01)
+    assert (scale == 1).mean() == pytest.approx(0.6 * 0.97, abs=0.03)
+    assert 0.8 < scale[is_moving].min() < scale.max() < 2.3
+    np.testing.assert_array_equal(states[is_moving, 0, 2], 1.0)  # the same turns
+    forward, yaw = past[..., 2], past[..., 4]
+    np.testing.assert_allclose(np.median(forward[scale == 1]), 10.0, atol=0.01)
+    is_noisy = np.ptp(yaw[is_moving], axis=1) > 0
+    assert is_noisy.mean() == pytest.approx(0.5, abs=0.04)
+    is_short = (past[:, 0] == past[:, 1]).all(axis=1)[is_moving][is_noisy]
+    assert is_short.mean() == pytest.approx(0.25 * 8 / 9, abs=0.04)
+
+
+def test_a_network_learns_a_line_with_independent_members() -> None:
+    features = np.random.default_rng(3).standard_normal((2000, 1))
+    ensemble = Ensemble(2, 16, 600, learning_rate=1e-2, weight_decay=0.0, dropout=0.0)
+    fit = (features, 3 * features - 1, 1, lambda outputs, targets: (outputs - targets) ** 2)
+    trained = ensemble.fit(*fit)
+    outputs = trained(np.array([[0.5]]))[:, 0, 0]
+    np.testing.assert_allclose(outputs, 0.5, atol=0.1)
+    assert outputs[0] != outputs[1]
+
+
+def test_a_prior_survives_a_file(tmp_path: Path) -> None:
+    roads = [windows.cut(drive(twists(160, seed))) for seed in range(2)]
+    fitted = SMALL.fit(roads)
+    path = tmp_path / "prior.npz"
+    np.savez(path, **fitting.arrays_of(fitted))  # type: ignore[arg-type]
+    again = motion_prior.load(path)
+    assert again.basis.shape == (21, 3, 3)
+    past, _ = roads[0]
+    np.testing.assert_allclose(again.central_paths(past), fitted.central_paths(past), atol=1e-4)
+    paths = motion_prior.path_mixture(again, past[:1], STEP_S * np.arange(1, 22))
+    assert np.isfinite(paths.covariances).all()
+
+
+def test_a_mixture_has_the_spread_of_its_errors() -> None:
+    """Deviations of two amounts: after fast pasts ten times as large as after slow ones."""
+    rng = np.random.default_rng(0)
+    speed = np.repeat([2.0, 12.0], 3000)
+    past = np.zeros((6000, 9, 6))
+    past[..., 2] = speed[:, None]
+    past += 0.01 * rng.standard_normal(past.shape)
+    paths = np.zeros((6000, 21, 3))
+    paths[..., 1] = speed[:, None] * STEP_S * np.arange(1, 22)
+    amount = np.where(speed > 5, 1.0, 0.1) * rng.standard_normal(6000)
+    deviations = amount[:, None, None] * np.linspace(0, 1, 21)[:, None] * [0.5, 1.0, 0.05]
+    centre = motion_prior.load(None)
+    small = replace(SMALL, depth=1, spread=Ensemble(1, 16, 800, dropout=0.0))
+    fitted = small.fit_spread(centre, past, paths, deviations)
+    for number, expected_m in ((0, 0.1), (5999, 1.0)):
+        weights, means, spreads = fitted.modes(past[number, None], paths[number, None])
+        second = weights @ (means**2 + spreads**2)
+        along_m = np.sqrt(second[0]) * np.abs(fitted.basis[-1, 1, 0])
+        assert along_m == pytest.approx(expected_m, rel=0.3)
+
+
+def shaken(seed: int, pitch_rad: float) -> Trajectory:
+    """Drive straight while the pitch is noise of a few steps, as on a bad road."""
+    rng = np.random.default_rng(seed)
+    noise = np.zeros((220, 6))
+    noise[:, 3] = lfilter([1.0], [1.0, -0.6], pitch_rad * rng.standard_normal(220))
+    noise[:, 5] = 0.3 * pitch_rad * rng.standard_normal(220)
+    poses = se3.exp(noise)
+    times_s = STEP_S * np.arange(220)
+    poses[:, 1, 3] += 0.01 * rng.standard_normal(220)
+    poses[:, 2, 3] = 10.0 * times_s
+    return Trajectory(poses, times_s, is_metric=True)
+
+
+def test_intervals_have_their_coverage_and_grow_with_the_shaking(tmp_path: Path) -> None:
+    amounts = np.radians([0.2, 0.4, 0.8, 0.3, 0.6])
+    recorded = windows.joined(windows.cut(shaken(n, amounts[n % 5])) for n in range(10))
+    path = tmp_path / "body.npz"
+    np.savez(path, **body_motion.fit(recorded))  # type: ignore[arg-type]
+    ranks, scales = [], []
+    for n, road in enumerate(shaken(100 + n, amounts[n % 5]) for n in range(10)):
+        for start in range(0, 180, 10):
+            past, future = road[start : start + 10], road[start + 10 : start + 30]
+            forecast = BodyMotion(path).distribution(past, future.times_s)
+            ranks.append(forecast.ranks(over_plane(future.world_from_cam, past)))
+            scales.append((amounts[n % 5], forecast.scales[5, 1]))
+    coverage = [(np.array(ranks) <= nominal).mean(axis=(0, 1)) for nominal in (0.5, 0.9)]
+    np.testing.assert_allclose(coverage, [[0.5] * 3, [0.9] * 3], atol=0.08)
+    calm, rough = (
+        np.mean([scale for amount, scale in scales if amount == level])
+        for level in (amounts[0], amounts[2])
+    )
+    assert rough > 1.5 * calm
+
+
+def test_the_noise_fit_raises_the_likelihood() -> None:
+    road = drive(twists(200, 2))
+    pairs = [
+        (road[first : first + 10], road[first + 10 : first + 30]) for first in range(0, 170, 40)
+    ]
+    start = replace(shipped.fitted("turn-rate"), turn_noise=0.5, slip_noise=0.5)
+    fitted = kalman.fit(pairs, start, max_evaluations=20)
+    assert kalman.log_density(pairs, fitted) > kalman.log_density(pairs, start)
+    assert fitted.position_noise_m == start.position_noise_m
+    assert fitted.turn_damping_hz == 0
+
+
+def test_the_command_writes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    road = drive(twists(160))
+    pose_files.write_kitti(tmp_path / "00.txt", road)
+    np.savetxt(tmp_path / "00_times.txt", road.times_s, fmt="%.6f")
+    monkeypatch.chdir(tmp_path)
+    args = command_line().parse_args(["fitting", "body-motion", ".", "--sequences", "00"])
+    assert [*args.study(args, lambda *_: None)] == ["written to body-motion.npz"]
+    past = road[:10]
+    forecast = BodyMotion(tmp_path / "body-motion.npz").distribution(past, past.times_s[-1:] + 1.0)
+    assert np.isfinite(forecast.means).all()
