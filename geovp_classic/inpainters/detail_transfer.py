@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData
@@ -41,11 +42,14 @@ class DetailTransfer:
         detail = self.strength * (observed - wide_blur(observed, sigma_px))
 
         def add_detail(step: int) -> ByteArray:
-            covered = views.covered[step, ..., None]
+            covered = views.covered[step]
             if covered.all():
                 return inpainted[step]
             coarse = wide_blur(inpainted[step], sigma_px)
             detailed = to_bytes(coarse + detail)
-            return np.where(covered, inpainted[step], detailed)
+            is_covered = covered.astype(np.uint8)
+            return np.asarray(
+                cv2.copyTo(inpainted[step], is_covered, detailed), np.uint8
+            )
 
         return np.stack(parallel_map(add_detail, range(len(inpainted))))

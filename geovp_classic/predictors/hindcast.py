@@ -6,6 +6,7 @@ depths and masks at once, with observed frames alone.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData
@@ -82,11 +83,10 @@ class Hindcast:
             if covered.any():
                 frame = context.frames[step]
                 frame = pinhole.resize(frame, (width_px, height_px))
-                actual = frame[covered]
-                last = last_frame[covered]
-                predicted = views.frames[number][covered]
-                scene_errors.append(_error(predicted, actual))
-                copy_errors.append(max(_error(last, actual), self.min_change))
+                predicted = views.frames[number]
+                scene_errors.append(_error(predicted, frame, covered))
+                copy_error = _error(last_frame, frame, covered)
+                copy_errors.append(max(copy_error, self.min_change))
         if not scene_errors:
             return np.inf, self.min_change
         return float(np.mean(scene_errors)), float(np.mean(copy_errors))
@@ -129,7 +129,13 @@ class CheckedScene:
         return Views(frames, views.covered | is_copied, views.depths)
 
 
-def _error(predicted: ByteArray, actual: ByteArray) -> float:
-    """Return the mean absolute difference of pixels [N, 3] at equal mean brightness."""
-    gain = actual.mean() / max(predicted.mean(), 1.0)
-    return float(np.abs(gain * predicted - actual).mean())
+def _error(
+    predicted: ByteArray, actual: ByteArray, covered: BoolArray
+) -> float:
+    """Return the mean absolute difference of covered pixels at equal mean brightness."""
+    is_covered = covered.astype(np.uint8)
+    actual_mean = np.mean(cv2.mean(actual, is_covered)[:3])
+    predicted_mean = np.mean(cv2.mean(predicted, is_covered)[:3])
+    gain = float(actual_mean / max(predicted_mean, 1.0))
+    difference = np.abs(np.float32(gain) * predicted - actual)
+    return float(np.mean(cv2.mean(difference, is_covered)[:3]))

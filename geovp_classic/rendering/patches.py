@@ -57,7 +57,7 @@ class PatchModel:
     # A step of less than this fraction of the inverse depth is a slope, not an edge.
     max_smooth_step: float = 0.02
     # Width of a patch in views that are much coarser than the sources; smaller ones are thinned.
-    coarse_patch_px: float = 0.7
+    coarse_patch_px: float = 1.0
 
     def from_depth_map(
         self,
@@ -144,7 +144,7 @@ class PatchModel:
             )
             z_buffer = np.full(size, -1, np.float32)
             winner = np.full(size, NO_INDEX, np.int32)
-            half_px = stride * self.half_px
+            half_px = np.float32(stride * self.half_px)
             rasterise_view(
                 pixels,
                 inverse_depth,

@@ -23,7 +23,7 @@ def rasterise_view(
     slope: FloatArray,  # [N, 2], of the inverse depth per pixel along u and v
     source: IndexArray,  # [N]
     to_view: FloatArray,  # [S, 3, 4], from (u, v, 1, inverse depth) to homogeneous pixels
-    half_px: float,  # half the side of a patch in its source
+    half_px: np.float32,  # half the side of a patch in its source
     z_buffer: FloatArray,  # [H, W], inverse depth; written
     winner: IndexArray,  # [H, W], number of the nearest patch; written
 ) -> None:
@@ -31,8 +31,12 @@ def rasterise_view(
 
     A slope that would lead beyond infinity is made flatter.
     """
-    min_z = 1e-3  # of a ray's length; patches nearer to the camera are not rasterised
-    max_s = 1.0001  # a tolerance, so that shared edges leave no crack
+    min_z = np.float32(
+        1e-3
+    )  # of a ray's length; patches nearer to the camera are not rasterised
+    max_s = np.float32(
+        1.0001
+    )  # a tolerance, so that shared edges leave no crack
     height, width = z_buffer.shape
     for n in range(len(source)):
         k = source[n]
@@ -73,10 +77,10 @@ def rasterise_view(
         if is_outside_x or y + radius_y < 0 or y - radius_y > height - 1:
             continue
 
-        left = right = top = bottom = 0.0
+        left = right = top = bottom = np.float32(0)
         for corner in range(4):
-            s = 1 - 2 * (corner % 2)
-            t = 1 - 2 * (corner // 2)
+            s = np.float32(1 - 2 * (corner % 2))
+            t = np.float32(1 - 2 * (corner // 2))
             scale = max_s / (z + s * d_z + t * e_z)
             corner_x = scale * (s * d_x + t * e_x)
             corner_y = scale * (s * d_y + t * e_y)
@@ -93,15 +97,21 @@ def rasterise_view(
         normal_x = d_y * e_z - d_z * e_y
         normal_y = d_z * e_x - d_x * e_z
         normal_z = d_x * e_y - d_y * e_x
+        # On a plane, inverse depth is linear in the pixels of the view.
+        value_1 = q / z
+        per_normal = 1 / (z * normal_z)
+        value_x = per_normal * (q * normal_x + z * (q_d * e_y - q_e * d_y))
+        value_y = per_normal * (q * normal_y + z * (q_e * d_x - q_d * e_x))
+        max_s_per_z = max_s / z
         for row in range(first_row, last_row + 1):
             for column in range(first_column, last_column + 1):
-                i = column - x
-                j = row - y
-                scale = z / (normal_x * i + normal_y * j + normal_z)
-                s = scale * (e_y * i - e_x * j)
-                t = scale * (d_x * j - d_y * i)
-                if abs(s) <= max_s and abs(t) <= max_s:
-                    value = (q + s * q_d + t * q_e) / (z + s * d_z + t * e_z)
+                i = np.float32(column) - x
+                j = np.float32(row) - y
+                scale = normal_x * i + normal_y * j + normal_z
+                limit = max_s_per_z * abs(scale)
+                is_inside_s = abs(e_y * i - e_x * j) <= limit
+                if is_inside_s and abs(d_x * j - d_y * i) <= limit:
+                    value = value_1 + value_x * i + value_y * j
                     if value > z_buffer[row, column]:
                         z_buffer[row, column] = value
                         winner[row, column] = n

@@ -122,8 +122,7 @@ def warp(
 
 def to_bytes(colours: FloatArray) -> ByteArray:
     """Return colours [H, W, 3] rounded to 8 bits."""
-    positive = np.maximum(colours, 0)
-    return np.asarray(cv2.convertScaleAbs(positive), np.uint8)
+    return np.asarray(cv2.convertScaleAbs(np.maximum(colours, 0)), np.uint8)
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:
