@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -20,9 +19,8 @@ from geovp_classic.types import PrivilegedInput
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and the figure."""
     add_method(parser)
-    text = "File of the figure: png, pdf or svg. Default: budget.png."
-    default = Path("budget.png")
-    parser.add_argument("--figure", type=figure_file, default=default, metavar="FILE", help=text)
+    text = "File of the figure: png, pdf or svg."
+    parser.add_argument("figure", type=figure_file, metavar="FILE", help=text)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

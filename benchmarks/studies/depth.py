@@ -1,159 +1,112 @@
-"""How accurate multi-view depth and its stages are on the synthetic street, whose depth is exact.
+"""Accuracy of multi-view depth on the synthetic street, which has exact depth.
 
-The measures are those usual on KITTI (Eigen 2014): absolute relative error and the share of pixels
-whose depth is off by a factor of less than 1.25, over depths of at most 80 m, to which estimates
-are clipped. Every pixel of known depth counts, whatever its confidence; static, moving,
-near-epipole and other pixels are separate rows. Poses are the recorded ones.
+The measures are those of Eigen et al. 2014: absolute relative error, and the fraction of pixels
+whose depth is off by a factor of less than 1.25, for depths up to 80 m, to which estimates are
+clipped. All pixels with known depth count, whatever their confidence. Poses are the recorded ones.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.tables.formats import columns
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Trajectory
 
-FARTHEST_M = 80.0
-NEAREST_M = 1e-3
-FACTOR = 1.25
-NEAR_PX = 32.0  # from the epipole
-AT_REST_M = 1e-3  # a shorter step has no direction
-SOURCES: Mapping[str, Mapping[str, object]] = {
-    "multiview": {"name": "multiview"},
-    "without ground": {"name": "multiview", "ground": "none"},
-    "given": {"name": "given"},
-}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """How many clips of which street."""
-    parser.add_argument(
-        "clips", nargs="?", type=positive, default=8, metavar="CLIPS", help="how many clips (8)"
-    )
-    parser.add_argument(
-        "seed", nargs="?", type=int, default=0, metavar="SEED", help="of the synthetic street (0)"
-    )
+    """Add the clips."""
+    text = "Number of clips. Default: 8."
+    parser.add_argument("clips", nargs="?", type=positive, default=8, metavar="CLIPS", help=text)
 
 
-def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    """Medians over clips by source and set of pixels."""
-    dataset = registry.build(
-        "datasets", {"name": "synthetic", "num_clips": chosen.clips, "seed": chosen.seed}
-    )
-    clips = [dataset[i] for i in range(len(dataset))]
-    rows: dict[str, list[DepthRow]] = {name: [] for name in SOURCES}
-    pairs = [(name, clip) for name in SOURCES for clip in clips]
-    for name, clip in tracked(pairs, len(pairs), progress):
-        rows[name] += evaluate(registry.build("depth_sources", dict(SOURCES[name])), clip)
-    yield from table(rows)
+def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Yield medians over clips by source and set of pixels."""
+    dataset = registry.build("datasets", {"name": "synthetic", "num_clips": args.clips})
+    sources = {
+        "multiview": {"name": "multiview"},
+        "without ground": {"name": "multiview", "ground": "none"},
+        "given": {"name": "given"},
+    }
+    tasks = [(name, number) for name in sources for number in range(len(dataset))]
+    measured: dict[tuple[str, str], list[FloatArray]] = {}
+    for name, number in tracked(tasks, len(tasks), progress):
+        source = registry.build("depth_sources", sources[name])
+        for pixels, measures in DepthErrors().evaluate(source, dataset[number]).items():
+            measured.setdefault((name, pixels), []).append(measures)
+    lines = [["source", "pixels", "clips", "abs rel", "< 1.25", "confidence"]]
+    for (name, pixels), each in measured.items():
+        error, fraction, confidence = np.median(each, axis=0)
+        texts = [f"{error:.3f}", f"{fraction:.3f}", f"{confidence:.2f}"]
+        lines.append([name, pixels, str(len(each)), *texts])
+    yield from columns(lines)
 
 
 @dataclass(frozen=True)
-class DepthRow:
-    """One clip's last observed frame, one set of pixels."""
+class DepthErrors:
+    """Errors of depth on the last observed frame."""
 
-    pixels: str  # "static", "moving"; of the static ones "near-epipole" and "away"
-    num_pixels: int
-    absolute_relative_error: float
-    share_within_factor: float  # of 1.25
-    confidence: float  # the source's own, mean
+    max_depth_m: float = 80.0
+    max_factor: float = 1.25
+    epipole_radius_px: float = 32.0
 
+    def evaluate(
+        self, source: DepthSource, clip: Clip, num_past: int = 10
+    ) -> dict[str, FloatArray]:
+        """Return mean error, fraction within the factor and confidence [3] by set of pixels.
 
-def evaluate(source: DepthSource, clip: Clip, num_past: int = 10) -> list[DepthRow]:
-    """Rows for the last observed frame of a clip; a set without a pixel has none.
+        Raises Incompatible for a clip without exact depth or metric poses.
+        """
+        if clip.depths is None or clip.trajectory is None or not clip.trajectory.is_metric:
+            raise Incompatible(f"{clip.name} has no exact depth with metric poses")
+        context, _ = clip.split(num_past, source.needs)
+        past = clip.trajectory[:num_past]
+        inverse_depths, confidences = source.inverse_depths(context, past)
+        truth_m = clip.depths[num_past - 1]
+        is_known = (truth_m > 0) & (truth_m <= self.max_depth_m)
+        depth_m = 1 / np.maximum(inverse_depths[-1], 1 / self.max_depth_m)
+        ratio = np.maximum(depth_m, 1e-3) / np.where(is_known, truth_m, 1)
+        is_within = np.maximum(ratio, 1 / ratio) < self.max_factor
+        measures = np.stack([np.abs(ratio - 1), is_within, confidences[-1]])
+        moving = np.zeros(truth_m.shape, bool) if clip.moving is None else clip.moving[num_past - 1]
+        sets = self.pixel_sets(moving, clip.intrinsics, past)
+        return {
+            name: measures[:, is_known & mask].mean(axis=1)
+            for name, mask in sets.items()
+            if (is_known & mask).any()
+        }
 
-    Incompatible for a clip without exact depth or metric poses, or one that lacks what the source
-    needs.
-    """
-    if clip.depths is None or clip.trajectory is None or not clip.trajectory.is_metric:
-        raise Incompatible(
-            f"{clip.name} has no exact depth with metric poses: evaluate depth on the synthetic "
-            "data"
-        )
-    context, _ = clip.split(num_past, source.needs)
-    past, last = clip.trajectory[:num_past], num_past - 1
-    inverse_depths, confidence = source.inverse_depths(context, past)
-    error, within, counted = errors(inverse_depths[last], clip.depths[last])
-    moving = None if clip.moving is None else clip.moving[last]
-    rows = []
-    for name, mask in pixel_sets(moving, clip.intrinsics, past).items():
-        chosen = mask & counted
-        if chosen.any():
-            means = [float(one[chosen].mean()) for one in (error, within, confidence[last])]
-            rows.append(DepthRow(name, int(chosen.sum()), *means))
-    return rows
-
-
-def pixel_sets(
-    moving: BoolArray | None,  # [H, W]
-    camera: Intrinsics,
-    past: Trajectory,
-) -> dict[str, BoolArray]:
-    """Masks [H, W] by name; all static without a mask of moving objects, none near for a camera at
-    rest.
-    """
-    from geovp_classic.geometry import pinhole
-
-    shape = (camera.height_px, camera.width_px)
-    moving = np.zeros(shape, dtype=bool) if moving is None else moving
-    epipole_px = epipole(past, camera)
-    near = np.zeros(shape, dtype=bool)
-    if epipole_px is not None:
-        near = np.linalg.norm(pinhole.pixel_grid(camera) - epipole_px, axis=-1) < NEAR_PX
-    return {
-        "static": ~moving,
-        "moving": moving,
-        "near-epipole": ~moving & near,
-        "away": ~moving & ~near,
-    }
+    def pixel_sets(
+        self, moving: BoolArray, camera: Intrinsics, past: Trajectory
+    ) -> dict[str, BoolArray]:
+        """Return masks [H, W] of static and moving pixels, and of static ones near the epipole."""
+        distance_px = np.full(moving.shape, np.inf)
+        center_px = epipole(past, camera)
+        if center_px is not None:
+            distance_px = np.linalg.norm(pinhole.pixel_grid(camera) - center_px, axis=-1)
+        is_near = distance_px < self.epipole_radius_px
+        return {
+            "static": ~moving,
+            "moving": moving,
+            "near-epipole": ~moving & is_near,
+            "away": ~moving & ~is_near,
+        }
 
 
 def epipole(past: Trajectory, camera: Intrinsics) -> FloatArray | None:
-    """The epipole [2] of the last two frames, in the last one; None for a camera at rest or in
-    sideways motion.
-    """
-    from geovp_classic.geometry import pinhole, se3  # with scipy, too heavy for --help
+    """Return the epipole [2] of the last two frames in the last one.
 
-    if len(past) < 2:
-        return None
+    It is None for a stationary camera and for sideways motion.
+    """
     last_from_before = se3.inverse(past.world_from_cam[-1]) @ past.world_from_cam[-2]
     ahead = -last_from_before[:3, 3]
-    if np.linalg.norm(ahead) < AT_REST_M or abs(ahead[2]) < 1e-6 * np.linalg.norm(ahead):
+    if abs(ahead[2]) <= max(1e-3, 1e-6 * np.linalg.norm(ahead)):
         return None
-    pixel, _ = pinhole.project(
-        ahead * np.sign(ahead[2]), camera
-    )  # backward motion has the same one
-    return pixel
-
-
-def errors(
-    inverse_depth: FloatArray,  # [H, W] per metre
-    depth_m: FloatArray,  # [H, W], 0 = unknown
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Absolute relative error, whether within the factor, and which pixels count, each [H, W]."""
-    counted = (depth_m > 0) & (depth_m <= FARTHEST_M)
-    truth = np.where(counted, depth_m, 1.0)
-    estimate = np.clip(1 / np.maximum(inverse_depth, 1 / FARTHEST_M), NEAREST_M, FARTHEST_M)
-    within = np.maximum(estimate / truth, truth / estimate) < FACTOR
-    return np.abs(estimate - truth) / truth, np.asarray(within & counted), np.asarray(counted)
-
-
-def table(rows_by_source: Mapping[str, Sequence[DepthRow]]) -> Iterator[str]:
-    """Lines of text: medians over clips per source and set of pixels."""
-    yield f"{'source':<20}{'pixels':<14}{'clips':>6}{'abs rel':>9}{'< 1.25':>8}{'confidence':>12}"
-    for source, rows in rows_by_source.items():
-        for name in dict.fromkeys(row.pixels for row in rows):
-            own = [row for row in rows if row.pixels == name]
-            measures = [
-                (row.absolute_relative_error, row.share_within_factor, row.confidence)
-                for row in own
-            ]
-            error, within, confidence = np.median(measures, axis=0)
-            heads = f"{source:<20}{name:<14}{len(own):>6}"
-            yield f"{heads}{error:>9.3f}{within:>8.3f}{confidence:>12.2f}"
+    return pinhole.project(ahead * np.sign(ahead[2]), camera)[0]  # the same one backwards

@@ -134,15 +134,11 @@ class Ridge:
             both_twists = np.concatenate([twists, twists * MIRRORED_TWIST])
             both_targets = np.concatenate([target, target * mirrored])
             unseen = windows.twists[is_tested]
-            straight = self._fit_and_predict(both_twists, both_targets, unseen)
-            flipped = self._fit_and_predict(both_twists, both_targets, unseen * MIRRORED_TWIST)
-            predicted[is_tested] = 0.5 * (straight + flipped * mirrored) * scale
+            predicted[is_tested] = scale * self.fit(both_twists, both_targets, unseen)
         return predicted
 
-    def _fit_and_predict(
-        self, twists: FloatArray, target: FloatArray, unseen: FloatArray
-    ) -> FloatArray:
-
+    def fit(self, twists: FloatArray, target: FloatArray, unseen: FloatArray) -> FloatArray:
+        """Fit to twists [M, P, 6] and a target [M, H, 6]; return the predictions for others."""
         features, new_features = (
             past_features(values[:, -self.num_steps :]) for values in (twists, unseen)
         )
@@ -152,7 +148,7 @@ class Ridge:
         )
         normal_matrix = inputs.T @ inputs + self.penalty * len(inputs) * np.eye(inputs.shape[1])
         weights = np.linalg.solve(normal_matrix, inputs.T @ target.reshape(len(inputs), -1))
-        return (new_inputs @ weights).reshape(len(unseen), *target.shape[1:])
+        return np.asarray(new_inputs @ weights).reshape(len(unseen), *target.shape[1:])
 
 
 @dataclass(frozen=True)

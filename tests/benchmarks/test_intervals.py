@@ -26,20 +26,15 @@ def standard_error(values: FloatArray, tau: float, is_apart: bool = False) -> tu
     return BlockBootstrap().standard_error(values, intervals.Groups.of(sequences, 3), tau)
 
 
-@pytest.mark.parametrize(
-    ("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)]
-)
+@pytest.mark.parametrize(("correlation", "low", "high"), [(0.0, 0.93, 0.985), (0.5, 0.92, 0.98)])
 def test_an_interval_holds_the_truth_about_as_often_as_it_says(
-    name: str, least: float, most: float
+    correlation: float, low: float, high: float
 ) -> None:
-    covered, naive, _ = coverage.coverage(
-        (36,), coverage.dependences()[name], coverage.NOISES["normal"], 400
-    )
-    assert least < covered < most
-    if (
-        name == "AR(1), 0.5"
-    ):  # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent ones
-        assert naive < 0.82
+    autoregression = [1.0], [1.0, -correlation]
+    covered, naive, _ = coverage.coverage((36,), autoregression, stats.norm(), 400)
+    assert low < covered < high
+    # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent values
+    assert (naive < 0.82) == (correlation == 0.5)
 
 
 def test_independent_values_get_about_students_interval() -> None:
@@ -64,8 +59,8 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
     # AR(1): (1 + r) / (1 - r) = 3; moving average of 6 values: 6
     noise = np.random.default_rng(5)
     for filters, expected in (
-        (coverage.dependences()["AR(1), 0.5"], 3.0),
-        (coverage.dependences()["overlap, 6"], 6.0),
+        (([1.0], [1.0, -0.5]), 3.0),
+        (([1.0] * 6, [1.0]), 6.0),
     ):
         values = lfilter(*filters, noise.normal(size=4000))
         tau, _ = autocorrelation_time(values, np.arange(4000))

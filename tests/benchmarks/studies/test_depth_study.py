@@ -7,7 +7,7 @@ import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
-from studies import depth
+from studies.depth import DepthErrors, epipole
 from tests.benchmarks.conftest import Says
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
@@ -49,38 +49,23 @@ def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> 
 
 
 def test_errors_of_a_wall() -> None:
-    # 12 m for 10 m: 0.2, within 1.25; 12 m for 20 m: 0.4, not within
-    rows = {row.pixels: row for row in depth.evaluate(Wall(12.0), _clip(), num_past=3)}
-    assert set(rows) == {"static", "moving", "near-epipole", "away"}
-    assert rows["moving"].absolute_relative_error == pytest.approx(0.4)
-    assert rows["moving"].share_within_factor == 0
-    assert rows["moving"].num_pixels == 20 * 50
-    assert rows["static"].num_pixels == 60 * 50 + 40 * 50  # neither sky nor unknown
-    assert rows["static"].absolute_relative_error == pytest.approx((0.2 * 3000 + 0.4 * 2000) / 5000)
-    assert rows["static"].share_within_factor == pytest.approx(0.6)
-    assert rows["static"].confidence == 0.25
-    assert rows["near-epipole"].num_pixels + rows["away"].num_pixels == rows["static"].num_pixels
+    # 12 m for 10 m: 0.2, within 1.25; 12 m for 20 m: 0.4, not within. Sky and unknown do not count.
+    measures = DepthErrors().evaluate(Wall(12.0), _clip(), num_past=3)
+    assert set(measures) == {"static", "moving", "near-epipole", "away"}
+    np.testing.assert_allclose(measures["moving"], [0.4, 0, 0.25])
+    static = [(0.2 * 3000 + 0.4 * 2000) / 5000, 0.6, 0.25]  # 60 * 50 and 40 * 50 pixels
+    np.testing.assert_allclose(measures["static"], static, rtol=1e-5)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
     past = _clip(step=(0.1 * sign, 0, sign)).trajectory
     assert past is not None
-    np.testing.assert_allclose(depth.epipole(past, CAMERA), [59.5, 39.5])
-
-
-def test_the_table_has_medians_over_clips() -> None:
-    rows = [
-        depth.DepthRow("static", 10, error, 0.5, 1.0) for error in (0.1, 0.2, 4.0)
-    ]  # the last clip stands
-    rows.append(depth.DepthRow("moving", 5, 0.4, 0.25, 0.0))
-    _, static, moving = depth.table({"wall": rows})
-    assert static.split() == ["wall", "static", "3", "0.200", "0.500", "1.00"]
-    assert moving.split() == ["wall", "moving", "1", "0.400", "0.250", "0.00"]
+    np.testing.assert_allclose(epipole(past, CAMERA), [59.5, 39.5])
 
 
 def test_the_command_measures_the_synthetic_street(printed: Says) -> None:
-    lines = [line.split() for line in printed("study", "depth", "1", "3").splitlines()]
+    lines = [line.split() for line in printed("study", "depth", "1").splitlines()]
     errors = {(" ".join(words[:-5]), words[-5]): float(words[-3]) for words in lines[1:]}
     assert errors["given", "static"] == 0
     assert errors["multiview", "static"] < 0.25

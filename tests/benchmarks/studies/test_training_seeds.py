@@ -59,4 +59,4 @@ def test_the_command_prints_a_table_a_metric_or_one_sentence(
         main(["training-seeds", str(results.root), "base", "--metrics", "nothing"], command_line())
         == 2
     )
-    assert "has no metric 'nothing': known are" in capsys.readouterr().err
+    assert "has no metric 'nothing', only" in capsys.readouterr().err
