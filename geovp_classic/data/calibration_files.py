@@ -49,7 +49,7 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
     text = files.read_text(path, files.MIB)
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
-            camera = camera_of_yaml(load_yaml(text), size_px)
+            camera = camera_of_yaml(load_yaml(text))
         elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
             folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
             cameras = [folder[1]] if folder else KITTI_CAMERAS
@@ -150,13 +150,11 @@ def load_yaml(text: str) -> Mapping[str, Any]:
     return dict(table.get("cam0", table))
 
 
-def camera_of_yaml(
-    table: Mapping[str, Any], size_px: Size | None = None
-) -> DistortedCamera:
+def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
     """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout.
 
-    `size_px` is for tables that do not state it. ValueError, KeyError or TypeError for other
-    camera models than pinhole, unknown distortion models and missing numbers.
+    ValueError, KeyError or TypeError for other camera models than pinhole, unknown distortion
+    models and missing numbers.
     """
 
     def first(*keys: str) -> Any:
@@ -166,28 +164,22 @@ def camera_of_yaml(
         raise ValueError(
             f"camera_model is {table['camera_model']!r}, expected pinhole"
         )
-    fx, _, cx, _, fy, cy, *_ = (
-        matrix_data(first("camera_matrix", "K", "k")) or [0] * 6
-    )
     if "intrinsics" in table:
         fx, fy, cx, cy = table["intrinsics"]
-    stated_px = first("image_width", "width"), first("image_height", "height")
-    if None in stated_px:
-        stated_px = table.get("resolution", size_px)
-    width_px, height_px = stated_px
+    else:
+        fx, _, cx, _, fy, cy, *_ = matrix_data(first("camera_matrix", "K", "k"))
+    width = first("image_width", "width")
+    width, height = table.get(
+        "resolution", (width, first("image_height", "height"))
+    )
     view = Intrinsics(
-        float(fx),
-        float(fy),
-        float(cx),
-        float(cy),
-        int(width_px),
-        int(height_px),
+        float(fx), float(fy), float(cx), float(cy), int(width), int(height)
     )
-    distortion = first("distortion_coeffs", "distortion_coefficients", "D", "d")
+    distortion = matrix_data(
+        first("distortion_coeffs", "distortion_coefficients", "D", "d")
+    )
     model = MODELS[table.get("distortion_model") or "none"]
-    return DistortedCamera(
-        view, model, tuple(map(float, matrix_data(distortion)))
-    )
+    return DistortedCamera(view, model, tuple(map(float, distortion)))
 
 
 def matrix_data(value: Any) -> list[Any]:

@@ -4,6 +4,7 @@ A loader stops at the first error of what it needs; the doctor reads every seque
 pose, and warns of content that no car or camera produces.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,11 +80,11 @@ class Doctor:
             }
             distinct = dict.fromkeys(findings)  # cameras share files
             all_findings += distinct
-            for severity in ("error", "warning"):
-                count = sum(
-                    finding.severity == severity for finding in distinct
-                )
-                row[f"{severity}s"] = str(count)
+            counts = Counter(finding.severity for finding in distinct)
+            row |= {
+                "errors": str(counts["error"]),
+                "warnings": str(counts["warning"]),
+            }
             rows.append(row)
             num_frames[name] = min(len(scan.images) for scan in scans.values())
         return Examination(

@@ -84,16 +84,13 @@ class Folder(SequenceDataset):
     def _named_ranges(self) -> tuple[FrameRange, ...]:
         if self.frames is None:
             return super()._named_ranges()
-        first, last = self.frames
-        if not 0 <= first < last:
-            raise BadData(
-                f"frames is [{first}, {last}], expected 0 <= first < last"
-            )
+        ranges = (FrameRange(self.name, *self.frames),)
         if self._is_root or self.sequences is not None:
+            text = str(ranges[0]).removeprefix(self.name)
             raise BadData(
-                f'frames is of one sequence: give sequences = ["NAME[{first}:{last})"] in its place'
+                f'frames is of one sequence: give sequences = ["NAME{text}"] in its place'
             )
-        return (FrameRange(self.name, first, last),)
+        return ranges
 
     def folders(self) -> dict[str, Path]:
         """Return the folders of images by name: the path, or those in it if it has no images."""

@@ -246,18 +246,19 @@ def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:
             )
             continue
         first = images.setdefault(int(path.stem), path)
-        if first is not path:
+        if first != path:
             findings.add(
                 path, f"has the same number as {first.name}: keep one of them"
             )
+    missing = set(range(len(images))) - images.keys()
     if not images:
         findings.add(
             folder,
             "holds no images, expected 000000.png (or jpg, webp, ...) and so on",
         )
-    missing = min(set(range(len(images))) - images.keys(), default=None)
-    if missing is not None:
+    if missing:
         findings.add(
-            folder, f"lacks frame {missing:06d}: number frames without a gap"
+            folder,
+            f"lacks frame {min(missing):06d}: number frames without a gap",
         )
     return tuple(images[number] for number in sorted(images))

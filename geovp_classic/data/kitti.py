@@ -91,6 +91,10 @@ class Kitti(PosedSequences):
             images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
         )
 
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a sequence with the camera that it shows."""
+        return self.scan_camera(folder, findings, self._cameras(folder)[0])
+
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence with each of its cameras."""
         return {
@@ -99,39 +103,31 @@ class Kitti(PosedSequences):
         }
 
     def _cameras(self, folder: Path) -> list[int]:
-        """Return the cameras of a sequence that have a folder, the preferred one first."""
+        """Return the cameras of a sequence that have a folder, first the one that it shows."""
         folders = {
             camera: folder / f"{self.prefix}{camera}"
             for camera in KITTI_CAMERAS
         }
-        present = [camera for camera, path in folders.items() if path.is_dir()]
-        return present or [KITTI_CAMERAS[0]]
-
-    def _camera(self, folder: Path) -> int:
-        """Return the camera that a sequence shows."""
-        cameras = self._cameras(folder)
-        camera = cameras[0] if self.camera is None else self.camera
-        if camera not in cameras:
-            present = ", ".join(f"{self.prefix}{number}" for number in cameras)
+        cameras = [camera for camera, path in folders.items() if path.is_dir()]
+        if self.camera is not None and self.camera not in cameras:
+            present = ", ".join(folders[camera].name for camera in cameras)
             raise BadData(
-                f"{folder} has no {self.prefix}{camera}: it has {present}"
+                f"{folder} has no {self.prefix}{self.camera}: it has {present}"
             )
-        return camera
-
-    def scan(self, folder: Path, findings: Findings) -> Scan:
-        """Scan a sequence with the camera that it shows."""
-        return self.scan_camera(folder, findings, self._camera(folder))
+        cameras.sort(key=lambda camera: camera != self.camera)
+        return cameras or [KITTI_CAMERAS[0]]
 
     def _read(self, name: str, folder: Path, load: Load) -> Recording:
-        recording = super()._read(name, folder, load)
-        right_camera = {0: 1, 2: 3}.get(self._camera(folder))
-        if not self.with_right or right_camera not in self._cameras(folder):
+        camera, *others = self._cameras(folder)
+        left = self.scan(folder, RAISE)
+        recording = left.recording(name, folder, load, self.camera_height_m)
+        right_camera = {0: 1, 2: 3}.get(camera)
+        if not self.with_right or right_camera not in others:
             return recording
-        scan = self.scan_camera(folder, RAISE, right_camera)
-        right = scan.recording(name, folder, load, self.camera_height_m)
-        left_from_rig = self.scan(folder, RAISE).cam_from_rig
-        right_from_left = scan.cam_from_rig @ se3.inverse(left_from_rig)
-        side = SideCamera(right.frames, right.intrinsics, right_from_left)
+        right = self.scan_camera(folder, RAISE, right_camera)
+        view = right.recording(name, folder, load, self.camera_height_m)
+        right_from_left = right.cam_from_rig @ se3.inverse(left.cam_from_rig)
+        side = SideCamera(view.frames, view.intrinsics, right_from_left)
         return replace(recording, right=side)
 
 

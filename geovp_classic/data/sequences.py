@@ -172,19 +172,14 @@ def read_list(
     """Read a list of times [N] and images in a folder, without its bad lines."""
 
     def parse_line(text: str) -> tuple[float, Path]:
-        time, _, name = text.partition(separator)
-        image = folder / name.strip()
-        numbers = parse_numbers([time.strip()], 1)
-        if not files.leads_inside(name.strip()):
+        time, _, name = map(str.strip, text.partition(separator))
+        numbers = parse_numbers([time], 1)
+        if not files.leads_inside(name) or not files.is_file(folder / name):
             raise BadData(
-                f"{name!r} leads out of the folder: give a path inside it"
+                f"there is no file {name[:200]!r} in the folder, expected 'time{separator}file': "
+                "restore it or remove the line"
             )
-        if not files.is_file(image):
-            raise BadData(
-                f"there is no file {name[:200]!r}, expected 'time{separator}file': restore it or "
-                "remove the line"
-            )
-        return numbers[0], image
+        return numbers[0], folder / name
 
     times_s, images = findings.parse(path, parse_line, (np.nan, None))
     good = [image is not None for image in images]
@@ -213,14 +208,10 @@ class SequenceDataset(ABC):
     def _check(self) -> None:
         """Raise BadData unless all named sequences can be used."""
         width_px, height_px = self.size_px
-        if self.num_frames < 2:
+        if self.num_frames < 2 or self.stride < 1:
             raise BadData(
-                f"num_frames is {self.num_frames}, expected 2 or more: one to observe and one to "
-                "predict"
-            )
-        if self.stride < 1:
-            raise BadData(
-                f"stride is {self.stride}, expected 1 or more frames between the starts of clips"
+                f"num_frames is {self.num_frames}, stride is {self.stride}: expected 2 or more, to "
+                "observe and to predict, and 1 or more between the starts of clips"
             )
         if min(self.size_px) < 1 or (
             self.fit == "crop" and width_px != height_px

@@ -54,12 +54,12 @@ class DistortedCamera:
         params = np.asarray(camera.params, np.float64).tolist()
         cx_px, cy_px, *distortion = params[num_focals:]
         view = Intrinsics(
-            fx_px=params[0],
-            fy_px=params[num_focals - 1],
-            cx_px=cx_px - 0.5,
-            cy_px=cy_px - 0.5,
-            width_px=camera.width,
-            height_px=camera.height,
+            params[0],
+            params[num_focals - 1],
+            cx_px - 0.5,
+            cy_px - 0.5,
+            camera.width,
+            camera.height,
         )
         return cls(view, camera.model.name, tuple(distortion))
 

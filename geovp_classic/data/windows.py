@@ -22,6 +22,7 @@ from geovp_classic.types import (
 )
 
 Fit = Literal["crop", "stretch"]  # how a frame becomes one of size_px
+EXPECTED = "expected a sequence such as '03' or '03[180:360)', [first:last) with first < last"
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,18 @@ class FrameRange:
         match = re.fullmatch(
             r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip()
         )
-        if match and match[2] is None:
-            return cls(match[1])
-        if match and int(match[2]) < int(match[3]):
-            return cls(match[1], int(match[2]), int(match[3]))
-        raise BadData(
-            f"{text!r} is not a range of frames, expected a sequence such as '03' or "
-            "'03[180:360)', the first frame inclusive, the last exclusive"
+        if match is None:
+            raise BadData(f"{text!r} is not a range of frames, {EXPECTED}")
+        first, last = match[2], match[3]
+        return (
+            cls(match[1])
+            if last is None
+            else cls(match[1], int(first), int(last))
         )
+
+    def __post_init__(self) -> None:
+        if self.last is not None and not 0 <= self.first < self.last:
+            raise BadData(f"{self} is not a range of frames, {EXPECTED}")
 
     def within(self, num_frames: int) -> Self:
         """Return the range with its end spelled out; BadData if the sequence is shorter."""
@@ -190,31 +195,30 @@ def cut(
     span = slice(first, first + num_frames)
     camera = recording.intrinsics
     side = recording.right
+    window, intrinsics = pinhole.centre_crop(camera, size_px)
+    resize = pinhole.resize
+    if fit == "stretch":
+        window = np.s_[:, :]
+        intrinsics = camera.resized(*size_px)
+        resize = _stretch
     native = np.stack([recording.frames.read(step) for step in steps])
     right = None
     if side is not None:
         frames = np.stack([side.frames.read(step) for step in steps])
         right = ExtraView(frames, side.intrinsics, side.view_from_cam)
-    if fit == "crop":
-        window, intrinsics = pinhole.centre_crop(camera, size_px)
-        resize = pinhole.resize
-    else:
-        window = np.s_[:, :]
-        intrinsics = camera.resized(*size_px)
-        resize = _stretch
     depths = None
     if recording.depths is not None:
         depth_maps = [recording.depths(step)[window] for step in steps]
         depths = np.stack([_nearest(depth, size_px) for depth in depth_maps])
     return Clip(
-        name=clip_name(recording.name, first),
-        frames=np.stack([resize(image[window], size_px) for image in native]),
-        times_s=recording.times_s[span],
-        intrinsics=intrinsics,
-        trajectory=recording.trajectory and recording.trajectory[span],
+        clip_name(recording.name, first),
+        np.stack([resize(image[window], size_px) for image in native]),
+        recording.times_s[span],
+        intrinsics,
+        recording.trajectory and recording.trajectory[span],
+        depths,
         full=ExtraView(native, camera, np.eye(4)) if with_full else None,
         right=right,
-        depths=depths,
         camera_height_m=recording.camera_height_m,
     )
 
