@@ -219,7 +219,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         *others, last = (
             option for option in options if option is not types.NoneType
         )
-        if value == NONE and types.NoneType in options:
+        if value in (NONE, None) and types.NoneType in options:
             return None
         for option in others:
             with contextlib.suppress(BadData):

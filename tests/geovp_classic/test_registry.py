@@ -84,7 +84,7 @@ def test_describe_is_the_inverse_of_build() -> None:
     table = registry.describe(walk)
     assert table["forecaster"]["steps"] == 3  # defaults are included
     assert registry.build("pose_sources", table) == walk
-    assert registry.build("forecasters", "drift") == Drift()
+    assert registry.build("forecasters", {"name": "drift", "path": None}) == Drift()
 
 
 def test_defaults_reach_nested_components() -> None:
