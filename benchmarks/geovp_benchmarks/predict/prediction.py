@@ -193,7 +193,9 @@ def _open(request: PredictionRequest, num_webcam_frames: int = 45) -> Recording:
         raise BadData(f"{path} is a folder of images, which have no times: give --fps")
     else:
         spec = {"name": "folder", "path": path, "num_frames": 2}
-        spec |= {"intrinsics": (1000.0, 1000.0, 0.0, 0.0), "frame_rate_hz": request.rate_hz}
+        spec |= {"intrinsics": (1000.0, 1000.0, 0.0, 0.0)}
+        if request.rate_hz is not None:
+            spec["frame_rate_hz"] = request.rate_hz
         recording = registry.build("datasets", spec).recording
     return dataclasses.replace(recording, camera_height_m=request.camera_height_m)
 
