@@ -263,8 +263,7 @@ def test_shell_line(
             pytest.skip("torch is not installed")
         parse_only(lambda: runpy.run_module(args[1], run_name="__main__"), monkeypatch)
     elif program == "python" and args[0] == "benchmarks/studies":
-        parser = studies.command_line()
-        parse_only(lambda: cli.main(args[1:], parser), monkeypatch)
+        parse_only(lambda: studies.main(args[1:]), monkeypatch)
     elif program == "python":
         compile((ROOT / args[0]).read_text(), args[0], "exec")
     elif program == "make":
@@ -298,17 +297,17 @@ def check_geovp(
             cli.main(args)
         return
     parse_only(lambda: cli.main(args), monkeypatch)
-    if args[:2] == ["data", "doctor"] and "kitti" in args[2]:
+    if args[0] == "doctor" and "kitti" in args[1]:
         root = folder
-        if args[2] == "path/to/kitti":
+        if args[1] == "path/to/kitti":
             root = kitti()
         else:
             write_kitti_raw(folder, 60, geovp.open_clip({**SYNTHETIC, "size_px": [32, 32]}))
-        assert cli.main(["data", "doctor", str(root)]) in (0, 1)  # 1: a defect of the data
+        assert cli.main(["doctor", str(root)]) in (0, 1)  # 1: a defect of the data
         return
     if args[0] == "predict" and "--fov" in args:
         args = [*args, "--size", "96", "--out", str(folder / "predicted")]
-    needs_results = args[0] in ("table", "plot", "report", "score") and "results/demo" in args
+    needs_results = args[0] in ("table", "plot", "report", "rescore") and "results/demo" in args
     is_check = args[0] == "check" and args[2] == "depth-fusion"
     if args[0] == "list" or needs_results or is_check or "--fov" in args:
         assert cli.main(args) == 0

@@ -45,10 +45,7 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
     def run(*words: object) -> Ended:
         capsys.readouterr()
         name, *args = map(str, words)
-        if name == "study":
-            code = cli.main(args, studies.command_line())
-        else:
-            code = cli.main([name, *args])
+        code = studies.main(args) if name == "study" else cli.main([name, *args])
         return Ended(code, *capsys.readouterr())
 
     return run

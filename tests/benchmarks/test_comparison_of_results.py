@@ -1,4 +1,4 @@
-"""`geovp metrics explain A B`: each thing that can differ has its sentence, and nothing else has
+"""`geovp compare A B`: each thing that can differ has its sentence, and nothing else has
 one.
 """
 
@@ -34,7 +34,7 @@ Explained = Callable[..., list[str]]  # of two folders or rows
 
 @pytest.fixture
 def explained(printed: Says) -> Explained:
-    return lambda a, b: printed("metrics", "explain", a, b).splitlines()
+    return lambda a, b: printed("compare", a, b).splitlines()
 
 
 def test_the_same_run_twice_differs_in_nothing(tmp_path: Path, explained: Explained) -> None:

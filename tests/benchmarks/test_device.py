@@ -55,7 +55,7 @@ def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(
     assert told["cpu"]["id"] == told["auto"]["id"]
     assert (
         cli.main(
-            ["score", str(tmp_path / "cpu"), "--device", "cpu", "--out", str(tmp_path / "again")]
+            ["rescore", str(tmp_path / "cpu"), "--device", "cpu", "--out", str(tmp_path / "again")]
         )
         == 0
     )

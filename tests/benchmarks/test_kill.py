@@ -120,5 +120,5 @@ def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
         process.send_signal(sent)
         assert process.wait(timeout=5) == 130
     last = errors.read_text().splitlines()[-1]
-    assert last == "geovp: interrupted; what was done is kept, the same command goes on from there"
+    assert last == "geovp: interrupted: finished work is kept, rerun to continue"
     assert "Traceback" not in errors.read_text()

@@ -85,9 +85,9 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     command("run", matrix_file, "--out", out, "--no-report")  # nothing is computed twice
     assert Results(out / "folder").method("copy-last") == methods["folder"]["copy-last"]
     assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused(
-        "score", out
+        "rescore", out
     )
-    assert "--page is of one data set" in refused("table", out, "--page", "x.md")
+    assert "--page is for one data set" in refused("table", out, "--page", "x.md")
 
 
 def test_a_file_with_one_data_set_gives_what_it_gave(

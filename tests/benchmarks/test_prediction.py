@@ -317,14 +317,14 @@ def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
 
 def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
     given = predict(images, "--past 6 --future 2 --size 64")
-    method = ["--camera-height", "1.6", "--method", "fusion", "vo+prior + fusion"]
+    method = ["--camera-height", "1.6", "--matrix", "fusion", "--method", "vo+prior + fusion"]
     assert cli.main([*given, *method, "--out", str(tmp_path / "a")]) == 0
     about = json.loads((tmp_path / "a" / "predict.json").read_text())["predictor"]
     assert about["pose_source"]["name"] == "chained"  # not refined
     assert about["renderer"]["name"] == "depth-fusion"
-    assert "no method 'copy'" in refused(*given, "--method", "demo", "copy")
+    assert "no method 'copy'" in refused(*given, "--matrix", "demo", "--method", "copy")
     # recorded poses, which a video does not have
-    assert "needs" in refused(*given, "--method", "demo", "gt-3d + fusion")
+    assert "needs" in refused(*given, "--matrix", "demo", "--method", "gt-3d + fusion")
 
 
 def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_a_page_shows_what_is_stored(name: str, form: list[str], tmp_path: Path)
 
 
 def test_the_demos_numbers_are_computed_here(capsys: pytest.CaptureFixture[str]) -> None:
-    code = cli.main(["verify", str(STORED / "demo"), "--sample", "8", "--tolerance", TOLERANCE])
+    code = cli.main(["verify", str(STORED / "demo"), "--pairs", "8", "--tolerance", TOLERANCE])
     assert code == 0, capsys.readouterr().out
 
 
@@ -52,7 +52,7 @@ def test_fusions_numbers_are_computed_here(capsys: pytest.CaptureFixture[str]) -
         str(STORED / "fusion"),
         "--root",
         str(root),
-        "--sample",
+        "--pairs",
         "2",
         "--tolerance",
         TOLERANCE,
@@ -64,14 +64,14 @@ def test_the_doctor_names_methods_that_lack_clips(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = shutil.copytree(STORED / "demo", tmp_path / "demo")
-    assert cli.main(["data", "doctor", str(folder)]) == 0
+    assert cli.main(["doctor", str(folder)]) == 0
     assert capsys.readouterr().out == "nothing is missing\n"
     protocol = json.loads((folder / "protocol.json").read_text())
     protocol["clips"].append("seed0-more/000")
     (folder / "protocol.json").write_text(json.dumps(protocol))
     skipped = json.loads((folder / "copy-last" / "method.json").read_text())
     (folder / "copy-last" / "method.json").write_text(json.dumps({**skipped, "status": "skipped"}))
-    assert cli.main(["data", "doctor", str(folder)]) == 1
+    assert cli.main(["doctor", str(folder)]) == 1
     *lines, advice = capsys.readouterr().out.splitlines()
     lacks = "scores of 1 of 5 clips are missing, such as seed0-more/000"
     assert lines == [f"{name}: {lacks}" for name in protocol["methods"] if name != "copy-last"]

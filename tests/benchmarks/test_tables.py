@@ -154,7 +154,7 @@ class TestPage:
         told = printed("table", results.root, "--page", page, "--strict")
         text = page.read_text()
         assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
-        assert f"geovp table results/{results.root.name} --strict\n```" in text
+        assert f"geovp table {results.root} --page {page} --strict\n```" in text
         assert f"Written on {datetime.date.today().isoformat()} by" in text
         assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text
         assert told.strip() in text

@@ -13,7 +13,7 @@ from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores
 
-ALL = ["--sample", "99"]
+ALL = ["--pairs", "99"]
 
 
 Verified = Callable[..., tuple[int, list[str]]]

@@ -1,21 +1,27 @@
-"""Error budget of one method: scores with its stages replaced by ground truth.
+"""Print the error budget of a method.
 
-Differences are paired over clips. --sensitivity offsets the true poses instead.
+Stages of the method are replaced by the truth, alone and one after the other. Differences are
+paired over clips.
+
+Examples:
+  geovp budget budget --root path/to/kitti
+  geovp budget demo --method 'vo+prior + fusion' --limit 3
+  geovp budget demo --method 'gt-3d + fusion' --limit 3 --sensitivity
 """
 
 import argparse
 
-from geovp_benchmarks.arguments import add_method
+from geovp_benchmarks.cli.options import add_flag, add_group, add_shared
 from geovp_benchmarks.progress import progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and what is replaced."""
-    add_method(parser)
-    text = "Use the depth of right images as ground truth where no depth is recorded."
-    parser.add_argument("--stereo", action="store_true", help=text)
-    text = "Print the changes by constant offsets of the true poses instead."
-    parser.add_argument("--sensitivity", action="store_true", help=text)
+    add_shared(parser, "matrix")
+    group = add_group(parser, "method and clips", "--method", "--root", "--limit", "--set")
+    group = add_group(parser, "budget")
+    add_flag(group, "--stereo", "Use the depth of right images where no depth is recorded.")
+    add_flag(group, "--sensitivity", "Print the changes by constant offsets of the true poses.")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -25,8 +31,7 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.matrix import schema
     from geovp_classic.types import PrivilegedInput
 
-    matrix = schema.read(args.matrix).with_root(args.root)
-    matrix = matrix.replace(stride=args.stride or matrix.stride)
+    matrix = schema.read(args.matrix, args.set).with_root(args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = read_method(matrix, args.method, args.limit, needs)
     measure = pose_sensitivity if args.sensitivity else error_budget

@@ -1,27 +1,31 @@
-"""Put a component through the contract tests of its role."""
+"""Run the contract tests of a component.
+
+Examples:
+  geovp check renderers depth-fusion
+  geovp check renderers '{name = "depth-fusion", crack_px = 0}'
+"""
 
 import argparse
 
-from geovp_benchmarks.arguments import add_settings, settings
+from geovp_benchmarks.cli.options import add
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which component, with which settings."""
-    parser.add_argument("role", metavar="ROLE", help="such as renderers")
-    parser.add_argument("name", metavar="NAME", help="as `geovp list` shows it")
-    add_settings(parser)
+    """Add the component."""
+    add(parser, "role", "ROLE", "Role, such as renderers; see `geovp list`.")
+    add(parser, "component", "SPEC", "Name of a component, or its table as in TOML.")
 
 
-def run(chosen: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the tests that pass and those that fail."""
     from geovp_benchmarks.audit import contracts
     from geovp_classic import registry
 
-    component = registry.build(chosen.role, {"name": chosen.name, **settings(chosen)})
-    findings = contracts.check(chosen.role, component)
+    component = registry.build(args.role, args.component)
+    findings = contracts.check(args.role, component)
     for finding in findings:
         detail = f": {finding.detail}" if finding.detail else ""
         print(f"{'passed' if finding.passed else 'FAILED'}  {finding.name}{detail}")
     passed = sum(finding.passed for finding in findings)
-    print(f"{chosen.name}: {passed} of {len(findings)} checks passed")
+    print(f"{registry.name_of(component)}: {passed} of {len(findings)} checks passed")
     return int(passed < len(findings))

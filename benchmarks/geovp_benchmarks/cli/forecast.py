@@ -1,55 +1,64 @@
-"""Evaluate forecasters on windows of pose files."""
+"""Evaluate forecasters on pose files.
+
+FOLDER holds NN.txt as in KITTI odometry, and times in NN_times.txt or ../sequences/NN/times.txt.
+
+Examples:
+  geovp forecast evaluate path/to/poses
+  geovp forecast evaluate path/to/poses --sequences 03 05 --methods hold "motion prior"
+"""
 
 import argparse
 import json
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_json, positive
+from geovp_benchmarks.cli.options import add, add_flag, add_group
 from geovp_benchmarks.progress import progress_bar
+from geovp_classic.errors import BadData, UnknownComponent
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the action and its options."""
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    parser = actions.add_parser("evaluate", help="Print errors and calibration of forecasters.")
-    text = "Folder of NN.txt, with times in NN_times.txt or ../sequences/NN/times.txt."
-    parser.add_argument("poses", type=Path, metavar="POSES_DIR", help=text)
-    test = ("03", "05", "06", "07", "10")
-    text = f"Sequences. Default: {' '.join(test)}."
-    parser.add_argument("--sequences", nargs="+", default=test, metavar="NN", help=text)
-    for name, default, text in (
-        ("--num-past", 10, "Observed poses"),
-        ("--num-future", 20, "Predicted poses"),
-        ("--stride", 5, "Frames between the starts of two windows"),
-    ):
-        help_text = f"{text}. Default: {default}."
-        parser.add_argument(name, type=positive, default=default, metavar="N", help=help_text)
-    text = "Names of the forecasters. Default: all."
-    parser.add_argument("--only", nargs="+", metavar="NAME", help=text)
-    add_json(parser)
+    """Add the windows and the forecasters."""
+    add(parser, "action", "evaluate", "Print errors and calibration.", choices=["evaluate"])
+    add(parser, "poses", "FOLDER", "Folder of pose files.")
+    group = add_group(parser, "windows")
+    text = "Sequences. Default: those of 03 05 06 07 10 that are there, or else all."
+    add(group, "--sequences", "NN...", text)
+    add(group, "--past", "N", "Number of observed poses. Default: 10.", 10)
+    add(group, "--future", "N", "Number of predicted poses. Default: 20.", 20)
+    text = "Number of frames between the starts of two windows. Default: 5."
+    add(group, "--stride", "N", text, 5)
+    group = add_group(parser, "output", "--methods")
+    add_flag(group, "--json", "Print JSON. Default: text.")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
-    from geovp_classic.errors import UnknownComponent
     from geovp_classic.registry import nearest
 
-    compared = forecasting.forecasters()
-    for name in args.only or ():
-        if name not in compared:
-            raise UnknownComponent(f"--only: no forecaster {name!r}{nearest(name, compared)}")
-    compared = {name: compared[name] for name in args.only or compared}
-    windows = forecasting.read_windows(
-        args.poses, args.sequences, args.num_past, args.num_future, args.stride
-    )
+    forecasters = forecasting.forecasters()
+    for name in args.methods:
+        if name not in forecasters:
+            raise UnknownComponent(f"--methods: no forecaster {name!r}{nearest(name, forecasters)}")
+    selected = {name: forecasters[name] for name in args.methods or forecasters}
+    sequences = args.sequences or test_sequences(args.poses)
+    windows = forecasting.read_windows(args.poses, sequences, args.past, args.future, args.stride)
     with progress_bar("forecast", "forecasts") as progress:
-        scores = forecasting.evaluate(windows, compared, progress)
+        scores = forecasting.evaluate(windows, selected, progress)
     table = {name: forecasting.summary(each) for name, each in scores.items()}
     if args.json:
-        about = {"sequences": args.sequences, "windows": len(windows)}
-        print(json.dumps({**about, "forecasters": table}, indent=2))
+        content = {"sequences": sequences, "windows": len(windows), "forecasters": table}
+        print(json.dumps(content, indent=2))
     else:
-        print(f"{len(windows)} windows of {', '.join(args.sequences)}", "", sep="\n")
+        print(f"{len(windows)} windows of {', '.join(sequences)}", "", sep="\n")
         print(*forecasting.lines(table), sep="\n")
     return 0
+
+
+def test_sequences(folder: Path) -> list[str]:
+    """Return the test sequences that are in a folder, or all others if there are none."""
+    stems = sorted(path.stem for path in folder.glob("*.txt"))
+    present = [stem for stem in stems if not stem.endswith("_times")]
+    if not present:
+        raise BadData(f"{folder} has no pose files NN.txt: give a folder such as kitti/poses")
+    return [name for name in ("03", "05", "06", "07", "10") if name in present] or present

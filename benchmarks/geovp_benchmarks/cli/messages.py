@@ -1,6 +1,4 @@
-"""What a verb says beside its results: on standard error, as much as `--quiet` or `--verbose` asks
-for.
-"""
+"""Messages of a command: log records on standard error, and the width of printed tables."""
 
 import logging
 import os
@@ -9,20 +7,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-PACKAGES = ("geovp_classic", "geovp_benchmarks", "geovp_learned")
-LEVELS = {"quiet": logging.ERROR, "normal": logging.WARNING, "verbose": logging.INFO}
-WIDEST = 120  # columns of what is printed on a terminal
-
-say = logging.getLogger("geovp_benchmarks.cli")
+logger = logging.getLogger(__name__)
 
 
-class _Handler(logging.Handler):
-    """A line `geovp: ...` on standard error, above a progress bar if there is one.
-
-    A message that nobody can read any more does not end the work.
-    """
+class StandardError(logging.Handler):
+    """Handler that prints a line `geovp: ...`, above a progress bar if there is one."""
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Print a record; a closed or full stream does not end the command."""
         tqdm = sys.modules.get("tqdm")
         write = tqdm.tqdm.write if tqdm is not None else print
         with suppress(OSError, ValueError):
@@ -30,26 +22,24 @@ class _Handler(logging.Handler):
 
 
 @contextmanager
-def messages(amount: str) -> Iterator[None]:
-    """Show the packages' log, as much of it as one of LEVELS says, while a verb runs."""
-    handler = _Handler(LEVELS[amount])
-    loggers = [logging.getLogger(package) for package in PACKAGES]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.addHandler(handler)
-        logger.setLevel(LEVELS[amount])
+def messages(is_quiet: bool, is_verbose: bool) -> Iterator[None]:
+    """Print the log of our packages while a command runs."""
+    level = logging.ERROR if is_quiet else logging.INFO if is_verbose else logging.WARNING
+    handler = StandardError(level)
+    names = ("geovp_classic", "geovp_benchmarks", "geovp_learned")
+    for package in map(logging.getLogger, names):
+        package.addHandler(handler)
+        package.setLevel(level)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.removeHandler(handler)
-            logger.setLevel(level)
+        for package in map(logging.getLogger, names):
+            package.removeHandler(handler)
+            package.setLevel(logging.NOTSET)
 
 
-def width() -> int | None:
-    """How wide what is printed may be: at most WIDEST on a terminal or where COLUMNS says so; None
-    for any width.
-    """
-    if (sys.stdout is None or not sys.stdout.isatty()) and "COLUMNS" not in os.environ:
+def terminal_width() -> int | None:
+    """Return the number of columns for tables, at most 120; None if the output is redirected."""
+    if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
         return None
-    return min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
+    return min(120, shutil.get_terminal_size((120, 24)).columns)

@@ -1,59 +1,55 @@
-"""Compute a random sample of stored results again and say whether they reproduce;
-writes nothing.
+"""Recompute a sample of stored results.
+
+Print the largest differences; nothing is written.
+
+Examples:
+  geovp verify results/demo
+  geovp verify docs/results/stored/fusion --root path/to/kitti --tolerance 0.005
 """
 
 import argparse
-from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder, at_least, positive
+from geovp_benchmarks.arguments import at_least
+from geovp_benchmarks.cli.options import add, add_group, add_shared
 from geovp_benchmarks.progress import progress_bar, tracked
 from geovp_classic.errors import BadData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which results, how many of them, on which data, and how close they have to be."""
-    add_results_folder(parser)
-    sample_help = "(method, clip) pairs, drawn at random (8); of several data sets, of each"
-    parser.add_argument("--sample", type=positive, default=8, metavar="N", help=sample_help)
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of the draw (0)")
-    parser.add_argument(
-        "--root",
-        type=Path,
-        metavar="FOLDER",
-        help="folder of the data set, in place of the stored one",
-    )
-    help_text = (
-        "largest difference that still reproduces, in each metric's own unit (1e-4; 0: to the "
-        "last bit)"
-    )
-    parser.add_argument(
-        "--tolerance", type=at_least(0, float), default=1e-4, metavar="X", help=help_text
-    )
+    """Add the results, the sample and the tolerance."""
+    add_shared(parser, "folder")
+    group = add_group(parser, "sample", "--root")
+    text = "Number of (method, clip) pairs of each data set. Default: 8."
+    add(group, "--pairs", "N", text, 8)
+    text = "Random seed of the sample. Default: 0."
+    add(group, "--seed", "SEED", text, 0, type=at_least(0))
+    text = "Largest difference that passes, in the unit of each metric. Default: 1e-4."
+    add(group, "--tolerance", "X", text, 1e-4, type=at_least(0, float))
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Print a verdict a pair; 0 when all reproduce."""
+def run(args: argparse.Namespace) -> int:
+    """Print a line per pair; return 0 if all results are reproduced."""
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
 
-    parts = [*Results(chosen.folder).by_dataset().values()]
-    if chosen.root is not None and len(parts) > 1:
+    datasets = list(Results(args.folder).by_dataset().values())
+    if args.root is not None and len(datasets) > 1:
         raise BadData(
-            f"--root replaces the root of one data set, and {chosen.folder} has several: give "
-            "one's folder"
+            f"--root is given, but {args.folder} has several data sets: give the folder of one"
         )
-    pairs = [
-        pair for part in parts for pair in verification.sample(part, chosen.sample, chosen.seed)
-    ]
-    for part in parts:
-        verification.check_dataset(part, chosen.root)
-    with progress_bar("verify", "rows") as progress:
+    pairs = []
+    for results in datasets:
+        pairs += verification.sample(results, args.pairs, args.seed)
+        verification.check_dataset(results, args.root)
+    with progress_bar("verify", "pairs") as progress:
         verdicts = [
-            verification.verify(pair, chosen.root) for pair in tracked(pairs, len(pairs), progress)
+            verification.verify(pair, args.root) for pair in tracked(pairs, len(pairs), progress)
         ]
-    good = sum(verdict.reproduces(chosen.tolerance) for verdict in verdicts)
-    print(*(verdict.sentence(chosen.tolerance) for verdict in verdicts), sep="\n")
-    versions = dict.fromkeys(line for part in parts for line in verification.other_versions(part))
-    differences = verification.largest(parts[0], verdicts)
-    print(*filter(None, [differences]), *versions, f"{good} of {len(verdicts)} reproduce", sep="\n")
+    for verdict in verdicts:
+        print(verdict.sentence(args.tolerance))
+    if differences := verification.largest(datasets[0], verdicts):
+        print(differences)
+    versions = [line for results in datasets for line in verification.other_versions(results)]
+    good = sum(verdict.reproduces(args.tolerance) for verdict in verdicts)
+    print(*dict.fromkeys(versions), f"{good} of {len(verdicts)} reproduce", sep="\n")
     return int(good < len(verdicts))

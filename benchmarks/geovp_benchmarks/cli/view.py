@@ -1,32 +1,29 @@
-"""Write a kept clip as a Rerun recording: frames, cloud, paths and sampled futures
-on a time line.
+"""Write a kept clip as a Rerun recording.
 
-It needs the extra `viz` (rerun): `pip install "geovp-classic[viz]"`.
+It holds images and camera paths. Needs the extra `viz`: pip install 'geovp-classic[viz]'.
+
+Examples:
+  geovp view results/demo street/000
+  geovp view results/demo street/000 --methods copy-last
 """
 
 import argparse
-from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.options import add, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which clip of which results, and which rows."""
-    add_results_folder(parser)
-    parser.add_argument("clip", metavar="CLIP", help="a kept clip, as the report names it")
-    parser.add_argument(
-        "--method", action="append", default=[], metavar="METHOD", help="only this method, or these"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE.rrd", help="where to (default: DIR/recordings/CLIP.rrd)"
-    )
+    """Add the clip and the methods."""
+    add_shared(parser, "folder")
+    add(parser, "clip", "CLIP", "Name of a clip whose predictions were kept, as in the report.")
+    add_group(parser, "selection", "--methods")
 
 
-def run(chosen: argparse.Namespace) -> int:
-    """Write the file and print how to look at it."""
+def run(args: argparse.Namespace) -> int:
+    """Write the file, and print the command that shows it."""
     from geovp_benchmarks.plots import recording
     from geovp_benchmarks.results.store import Results
 
-    path = recording.write(Results(chosen.folder), chosen.clip, chosen.method, chosen.out)
-    print(f"{path}\nlook at it with: rerun '{path}'")
+    path = recording.write(Results(args.folder), args.clip, args.methods)
+    print(f"{path}\nshow it with: rerun '{path}'")
     return 0

@@ -100,7 +100,7 @@ def test_ranks_are_the_ellipsoids_probability() -> None:
 
 
 def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says) -> None:
-    names = ["--only", "hold", "CTRV, extended"]
+    names = ["--methods", "hold", "CTRV, extended"]
     lines = printed("forecast", "evaluate", folder, "--sequences", "03", "05", *names).splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
@@ -117,7 +117,7 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
 
 
 def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
-    assert "CTRA, damped" in refused("forecast", "evaluate", folder, "--only", "CTRA, dampd")
+    assert "CTRA, damped" in refused("forecast", "evaluate", folder, "--methods", "CTRA, dampd")
 
 
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:

@@ -56,8 +56,9 @@ def test_a_path_without_metres_has_no_length() -> None:
 
 
 def test_the_command_prints_a_row_per_stretch(street: Path, printed: Says) -> None:
-    options = ["--clips", "8", "--stride", "2", "--size", "160"]
-    head, *rows = printed("poses", street, "07[0:12)", "07[2:12)", *options).splitlines()
+    data = f'{{root = "{street}", stride = 2, size_px = [160, 160]}}'
+    words = ["poses", data, "07[0:12)", "07[2:12)", "--clips", "8"]
+    head, *rows = printed(*words).splitlines()
     assert "rotation (deg/frame)" in head
     assert [row.split()[:2] for row in rows] == [["07[0:12)", "2"], ["07[2:12)", "1"]]
     assert float(rows[0].split()[3]) < 0.2  # degrees a frame
@@ -75,12 +76,14 @@ def test_other_layouts_are_recognised_by_their_files(
     """Recorded poses have no error against themselves; a COLMAP model has no metric scale."""
     clip = geovp.open_clip({"name": "synthetic", "num_frames": 8, "size_px": [32, 32]})
     request.getfixturevalue(f"write_{name}")(tmp_path, "a", clip)
-    own = ["--data", f"intrinsics={intrinsics_of(clip.intrinsics)}"] if name == "tum" else []
-    words = ["poses", tmp_path, "a", "--clips", "4", "--stride", "3", "--size", "32", *own]
-    last = printed(*words, "--odometry", "ground-truth").splitlines()[-1]
+    data = f'root = "{tmp_path}", stride = 3, size_px = [32, 32]'
+    if name == "tum":
+        data += f", intrinsics = {intrinsics_of(clip.intrinsics)}"
+    words = ["a", "--clips", "4", "--odometry", "ground-truth"]
+    last = printed("poses", f"{{{data}}}", *words).splitlines()[-1]
     assert last.split() == ["a[0:8)", "2", "100.0%", "0.0000", "0.00", length]
-    assert printed("data", "doctor", tmp_path).splitlines()[1].startswith("a         8       32x32")
-    assert "has no field 'colour'" in refused(*words, "--data", "colour=1")
+    assert printed("doctor", tmp_path).splitlines()[1].startswith("a         8       32x32")
+    assert "has no field 'colour'" in refused("poses", f"{{{data}, colour = 1}}", *words)
 
 
 def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printed: Says) -> None:
@@ -99,8 +102,8 @@ def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printe
 
 
 def test_without_a_scale_no_metres_are_printed(street: Path, tmp_path: Path, printed: Says) -> None:
-    scale = 'scale={name="unit-speed"}'
-    text = printed("poses", street, "07", "--set", scale, "--out", tmp_path)
+    odometry = '{name = "monocular", scale = "unit-speed"}'
+    text = printed("poses", street, "07", "--odometry", odometry, "--out", tmp_path)
     rows = [line.split() for line in text.splitlines()]
     assert ["origin", "no", "metric", "scale"] in [row[:4] for row in rows]
     assert next(row for row in rows if row[:1] == ["sim3"])[5].replace(".", "").isdigit()
@@ -113,7 +116,6 @@ def test_without_a_scale_no_metres_are_printed(street: Path, tmp_path: Path, pri
         (["07[5:50)"], "07 has 12 frames"),
         (["07", "--odometry", "monoclar"], "did you mean 'monocular'"),
         (["07", "--odometry", "ground-truth"], "works on clips only"),
-        (["07", "--set", "scale"], "not FIELD=VALUE"),
     ],
 )
 def test_mistakes_get_a_sentence(

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import cli
-from studies import command_line
+from studies import main
 
 STUDIES = Path(__file__).resolve().parents[3] / "benchmarks" / "studies"
 
@@ -15,7 +14,7 @@ STUDIES = Path(__file__).resolve().parents[3] / "benchmarks" / "studies"
 @pytest.mark.parametrize("words", ["", "weather", "depth many", "depth 0", "depth 1 2 3"])
 def test_wrong_arguments_are_bad_input(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        cli.main(words.split(), command_line())
+        main(words.split())
     assert end.value.code == 2
     assert "error: " in capsys.readouterr().err
 

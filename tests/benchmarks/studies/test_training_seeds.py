@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks.cli import main
 from geovp_benchmarks.results.store import Results
-from studies import command_line, training_seeds
+from studies import main, training_seeds
 from tests.benchmarks.made import content, go, values
 
 METRIC = "toy-difference"
@@ -46,17 +45,10 @@ def test_a_line_has_the_means_and_the_paired_differences(results: Results) -> No
 def test_the_command_prints_a_table_a_metric_or_one_sentence(
     results: Results, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert (
-        main(["training-seeds", str(results.root), "base", "--metrics", METRIC], command_line())
-        == 0
-    )
+    words = ["training-seeds", str(results.root), "base", "--metrics"]
+    assert main([*words, METRIC]) == 0
     assert "difference from base" in capsys.readouterr().out
-    assert (
-        main(["training-seeds", str(results.root), "bas", "--metrics", METRIC], command_line()) == 2
-    )
+    assert main(["training-seeds", str(results.root), "bas", "--metrics", METRIC]) == 2
     assert "has no methods bas-SEED: methods with seeds are base, other" in capsys.readouterr().err
-    assert (
-        main(["training-seeds", str(results.root), "base", "--metrics", "nothing"], command_line())
-        == 2
-    )
+    assert main([*words, "nothing"]) == 2
     assert "has no metric 'nothing', only" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """A Rerun recording holds what was kept of a clip, in one world and on one time line."""
 
 import importlib.util
+import shutil
 import sys
 from pathlib import Path
 
@@ -52,12 +53,10 @@ class TestFile:
     def test_one_row_alone(self, results: Results, tmp_path: Path) -> None:
         from rerun.chunk import RrdReader
 
-        path = tmp_path / "one.rrd"
-        assert (
-            cli.main(["view", str(results.root), KEPT, "--method", "gt + far", "--out", str(path)])
-            == 0
-        )
-        paths = {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
+        copied = Results(shutil.copytree(results.root, tmp_path / "r"))
+        assert cli.main(["view", str(copied.root), KEPT, "--methods", "gt + far"]) == 0
+        file = copied.recording(KEPT)
+        paths = {chunk.entity_path for chunk in RrdReader(file).stream().to_chunks()}
         assert {path for path in paths if path.startswith("/predicted")} == {
             r"/predicted/gt\ \+\ far"
         }

@@ -1,0 +1,35 @@
+"""Compare two results folders or two methods.
+
+Print the settings that differ, and paired differences of all metrics.
+
+Examples:
+  geovp compare results/demo results/demo-rescored
+  geovp compare results/demo:copy-last 'results/demo:gt-3d + ground-far-plane'
+"""
+
+import argparse
+from pathlib import Path
+
+from geovp_benchmarks.cli.options import add
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add both sides."""
+    for name in "AB":
+        add(parser, name.lower(), name, "Results folder, or DIR:METHOD for one method.")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what differs, and paired differences for each method."""
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.tables.comparison import compare
+
+    sides = []
+    for text in (args.a, args.b):
+        folder, _, method = text.rpartition(":")
+        if Path(text).exists() or not folder:
+            folder, method = text, ""
+        sides.append((Results(Path(folder)), method))
+    (a, method_a), (b, method_b) = sides
+    print(f"A: {args.a}\nB: {args.b}", *compare(a, b, method_a, method_b), sep="\n")
+    return 0

@@ -1,0 +1,67 @@
+"""Check a data set or a results folder.
+
+Print what is missing or damaged, and which named splits are complete.
+
+Examples:
+  geovp doctor path/to/kitti
+  geovp doctor path/to/kitti --deep
+  geovp doctor results/demo
+"""
+
+import argparse
+from pathlib import Path
+
+from geovp_benchmarks.cli.options import add, add_flag, add_group
+from geovp_benchmarks.progress import progress_bar, tracked
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the folder and how much of it is read."""
+    text = "Folder of KITTI odometry or raw, TUM, EuRoC, COLMAP or images, or a results folder."
+    add(parser, "root", "FOLDER", text)
+    group = add_group(parser, "data sets")
+    add_flag(group, "--deep", "Decode all images. Default: check names and headers.")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings; return 1 if something is wrong."""
+    from geovp_benchmarks.tables.formats import columns
+    from geovp_classic.data.doctor import Doctor
+
+    if any((args.root / name).exists() for name in ("protocol.json", "datasets.json")):
+        findings = examine_results(args.root)
+        advice = "`geovp run` with the same matrix computes what is missing"
+        print(*findings, advice if findings else "nothing is missing", sep="\n")
+        return int(bool(findings))
+    with progress_bar("doctor", "sequences") as progress:
+        diagnosis = Doctor().examine(
+            args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
+        )
+    rows = [list(row.values()) for row in diagnosis.rows]
+    print(*columns([list(diagnosis.rows[0]), *rows]), "", sep="\n")
+    for finding in diagnosis.findings:
+        print(f"{finding.severity}: {finding}")
+    print(f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}")
+    return int(not diagnosis.is_sound)
+
+
+def examine_results(root: Path) -> list[str]:
+    """Return which scores a results folder lacks, and its damaged files."""
+    from geovp_benchmarks.results.store import Results
+
+    findings = []
+    for label, results in Results(root).by_dataset().items():
+        clips = results.protocol()["clips"]
+        for name in results.protocol()["methods"]:
+            method = results.method(name)
+            if method is not None and method.status == "skipped":
+                continue
+            stored = {clip for scores in results.parts(name) for clip in scores.clips}
+            missing = [clip for clip in clips if clip not in stored]
+            if missing:
+                findings.append(
+                    f"{Path(label, name)}: scores of {len(missing)} of {len(clips)} clips are "
+                    f"missing, such as {missing[0]}"
+                )
+            findings += [f"{path} is damaged" for path in results.damaged_parts(name)]
+    return findings

@@ -1,0 +1,49 @@
+"""Score kept predictions again.
+
+The metrics are those of the results or of a matrix file; nothing is predicted.
+
+Examples:
+  geovp rescore results/demo
+  geovp rescore results/demo --matrix other-metrics.toml
+"""
+
+import argparse
+
+from geovp_benchmarks.cli.options import add, add_group, add_shared
+from geovp_benchmarks.progress import progress_bar
+from geovp_classic.errors import BadData
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the results, the metrics and the output."""
+    add_shared(parser, "folder")
+    group = add_group(parser, "metrics")
+    add(group, "--matrix", "MATRIX", "Matrix with the metrics. Default: those of the results.")
+    add_shared(group, "--device")
+    group = add_group(parser, "output")
+    add(group, "--out", "DIR", "Folder for the results. Default: DIR-rescored.")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write a results folder of the kept clips, and print its table."""
+    from geovp_benchmarks.cli.run import conclude
+    from geovp_benchmarks.matrix import schema
+    from geovp_benchmarks.matrix.components import on_device
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.running.rescore import rescore, stored_metrics
+    from geovp_benchmarks.running.scoring import Metrics
+
+    folder = args.folder.resolve()
+    output = Results(args.out or folder.with_name(f"{folder.name}-rescored"))
+    if output.root.resolve() == folder:
+        raise BadData(f"--out {args.out} is the folder of the predictions: give another one")
+    results = Results(args.folder)
+    matrix = schema.read(args.matrix) if args.matrix else None
+    with on_device(args.device or (matrix.device if matrix else None)):
+        metrics = stored_metrics(results)
+        if matrix is not None:
+            size_px = results.protocol()["size_px"]
+            metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
+    with progress_bar("rescore", "methods") as progress:
+        methods = rescore(results, output, metrics, progress)
+    return conclude(output, methods, with_report=False)
