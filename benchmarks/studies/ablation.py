@@ -9,17 +9,19 @@ refinements are measured with true poses, components of the odometry without.
 import argparse
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import interval
+from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.arguments import positive
-from geovp_benchmarks.evaluation.variants import Predict, change_text, score
+from geovp_benchmarks.evaluation.variants import Predict, score
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.tables.formats import grid
+from geovp_benchmarks.results.score_names import UNBOUNDED
+from geovp_benchmarks.tables.formats import markdown
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -52,36 +54,40 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
             raise BadData(f"no component is called {name!r}{registry.nearest(name, known)}")
     defaults = {known[name].default: None for name in names}
     compared = {name: known[name].predictor for name in (*defaults, *names)}
-    data = datasets(args.root, args.frames, args.stride)
-    clips = [
-        (str(stretch), dataset, number)
-        for stretch, dataset in enumerate(data)
-        for number in range(len(dataset))
-    ]
     metrics = {name: registry.build("frame_metrics", name) for name in ("psnr", "ssim", "lpips")}
-    seconds: dict[str, list[float]] = {name: [] for name in compared}
+    milliseconds: dict[str, list[float]] = {name: [] for name in compared}
 
     def prepare(clip: Clip) -> Predict[str]:
         def predict(name: str) -> tuple[ByteArray, ByteArray]:
             start_s = time.perf_counter()
             frames = predicted(compared[name], clip)
-            seconds[name].append(time.perf_counter() - start_s)
+            milliseconds[name].append(1000 * (time.perf_counter() - start_s))
             return frames, clip.frames[NUM_PAST + SCORED_STEPS]
 
         return predict
 
-    pairs = ((stretch, dataset[number]) for stretch, dataset, number in clips)
-    scores = score(tracked(pairs, len(clips), progress), metrics.values(), compared, prepare)
-    yield f"{len(clips)} clips of {', '.join(args.frames)}"
-    lines = [["component", "PSNR (dB)", "SSIM", "LPIPS", "ms"]]
+    data = datasets(args.root, args.frames, args.stride)
+    clips = [
+        (stretch, dataset, number)
+        for stretch, dataset in zip(args.frames, data, strict=True)
+        for number in range(len(dataset))
+    ]
+    named = (
+        replace(dataset[number], name=f"{stretch}/{number}") for stretch, dataset, number in clips
+    )
+    scores = score(tracked(named, len(clips), progress), metrics, compared, prepare)
+    columns = [Column(name, name.upper(), None, 4) for name in metrics]
+    columns.append(Column("ms", "ms", None, 0))
+    rows = []
     for name in names:
         default = known[name].default
         gains = scores.values[default] - scores.values[name]
-        changes = [interval(gain, np.array(scores.sequences)) for gain in gains.T]
-        texts = [change_text(*pair) for pair in zip(changes, (3, 4, 4), strict=True)]
-        extra_s = np.median(np.subtract(seconds[default], seconds[name]))
-        lines.append([name, *texts, f"{1000 * extra_s:.0f}"])
-    yield from grid(lines)
+        extra_ms = np.subtract(milliseconds[default], milliseconds[name])
+        values = zip([*metrics, "ms"], [*gains.T, extra_ms], strict=True)
+        gained = {key: Score.of(each, scores.clips, UNBOUNDED) for key, each in values}
+        rows.append(MethodScores(name, gained, num_clips=len(clips)))
+    title = f"Gain of components on clips of {', '.join(args.frames)}"
+    yield markdown(Table("ablation", title, columns, rows, [KIND], starred=()))
 
 
 @dataclass(frozen=True)

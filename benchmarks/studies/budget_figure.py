@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from geovp_benchmarks.arguments import add_method, figure_file
 from geovp_benchmarks.evaluation.error_budget import error_budget
-from geovp_benchmarks.evaluation.variants import heading, read_method
+from geovp_benchmarks.evaluation.variants import read_method
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.types import PrivilegedInput
 
 
@@ -28,24 +29,25 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     matrix = schema.read(args.matrix).with_root(args.root)
     matrix = matrix.replace(stride=args.stride or matrix.stride)
     method = read_method(matrix, args.method, args.limit, PrivilegedInput.NONE)
-    table = error_budget(method, progress)
-    places = np.arange(len(table.changes))
+    tables = error_budget(method, progress)
+    stages = [row.label for row in tables[0].methods]
+    places = np.arange(len(stages))
     with mpl.style.context(style.SHEET):
-        size_in = 3 * len(table.metrics), 1 + 0.3 * len(places)
+        size_in = 3 * len(tables), 1 + 0.3 * len(stages)
         figure = Figure(figsize=size_in, dpi=style.PRINT_DPI, layout="constrained")
-        panels = figure.subplots(1, len(table.metrics), sharey=True, squeeze=False)[0]
-        for axes, (name, metric) in zip(panels, table.metrics.items(), strict=True):
+        panels = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
+        for axes, table in zip(panels, tables, strict=True):
             axes.axvline(0, color=style.FAINT, linewidth=0.8)
-            axes.set_xlabel(f"change of {heading(name, metric)}")
-            for number, column in enumerate(("alone", "one by one", "without")):
-                changes = [table.interval(stage, column, name) for stage in table.changes]
+            axes.set_xlabel(f"change of {table.name.upper()}")
+            for number, column in enumerate(table.columns):
+                changes = [row.scores[column.key] for row in table.methods]
                 mean = np.array([change.mean for change in changes])
                 ends = np.array([(change.low, change.high) for change in changes]).T
                 axes.errorbar(
-                    mean, places + 0.25 * number, xerr=abs(ends - mean), fmt="o", label=column
+                    mean, places + 0.25 * number, xerr=abs(ends - mean), fmt="o", label=column.key
                 )
-        panels[0].set_yticks(places, list(table.changes))
+        panels[0].set_yticks(places, stages)
         panels[0].invert_yaxis()
         panels[0].legend()
         figure.savefig(args.figure)
-    yield from table.lines()
+    yield from map(markdown, tables)

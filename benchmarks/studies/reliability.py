@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 
 from geovp_benchmarks.arguments import figure_file, positive
@@ -35,18 +34,19 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     compared = {name: known[name] for name in ("CTRA, damped", "motion prior")}
     test = ("03", "05", "06", "07", "10")
     windows = forecasting.read_windows(args.poses, test, stride=args.stride)
-    scores = forecasting.evaluate(windows, compared, progress)
-    probabilities = np.linspace(0.05, 0.95, 19)
+    probabilities = [round(0.05 * k, 2) for k in range(1, 20)]
+    scores = forecasting.evaluate(windows, compared, progress, probabilities)
     with mpl.style.context(style.SHEET):
         figure = Figure(figsize=(8.5, 1.9), dpi=style.PRINT_DPI, layout="constrained")
         panels = figure.subplots(1, 5, sharey=True)
         names = ("x, z, yaw", "height", "pitch", "roll", "all six")
-        for number, (axes, title) in enumerate(zip(panels, names, strict=True)):
+        for axes, title in zip(panels, names, strict=True):
             axes.plot([0, 1], [0, 1], color=style.FAINT, linewidth=0.8)
             axes.set(title=title, xlabel="probability", aspect="equal")
             for name, each in scores.items():
-                ranks = each["ranks"][..., number]
-                inside = [(ranks <= probability).mean() for probability in probabilities]
+                inside = [
+                    each[f"{title} in {probability:.0%}"].mean() for probability in probabilities
+                ]
                 axes.plot(probabilities, inside, label=name)
         panels[0].set_ylabel("fraction of true states inside")
         panels[0].legend()

@@ -14,7 +14,6 @@ import numpy as np
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.intervals import interval, sequences_of
 from geovp_benchmarks.arguments import add_results_folder
-from geovp_benchmarks.evaluation.variants import change_text
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import columns
@@ -72,6 +71,6 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
             )
             whole = interval(differences.mean(axis=0), sequences_of(clips))
             of_seeds = " ".join(f"{mean:+.3f}" for mean in differences.mean(axis=1))
-            line[3:] = change_text(whole, 3), of_seeds
+            line[3:] = f"{whole.mean:+.3f} [{whole.low:+.3f}, {whole.high:+.3f}]", of_seeds
         lines.append(line)
     return lines

@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.evaluation.error_budget import error_budget, pose_sensitivity
     from geovp_benchmarks.evaluation.variants import read_method
     from geovp_benchmarks.matrix import schema
+    from geovp_benchmarks.tables.formats import markdown
     from geovp_classic.types import PrivilegedInput
 
     matrix = schema.read(args.matrix, args.set).with_root(args.root)
@@ -36,6 +37,6 @@ def run(args: argparse.Namespace) -> int:
     method = read_method(matrix, args.method, args.limit, needs)
     measure = pose_sensitivity if args.sensitivity else error_budget
     with progress_bar("budget", "clips") as progress:
-        table = measure(method, progress)
-    print(*table.lines(), sep="\n")
+        tables = measure(method, progress)
+    print(*map(markdown, tables), sep="\n")
     return 0

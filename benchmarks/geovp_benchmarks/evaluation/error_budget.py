@@ -3,11 +3,11 @@
 import numpy as np
 
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
-from geovp_benchmarks.evaluation.variants import ChangeTable, Method, Predict, score
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.evaluation.variants import Method, Predict, change_tables, score
+from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.tables.table_model import Table
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.types import ByteArray, Clip, FloatArray
 
 AXES = (
@@ -21,7 +21,7 @@ AXES = (
 Offset = tuple[str, float]  # axis of the future camera; signed metres or degrees
 
 
-def error_budget(method: Method, progress: Progress) -> ChangeTable:
+def error_budget(method: Method, progress: Progress) -> list[Table]:
     """Return the changes of all metrics by stage.
 
     *Alone* replaces one stage of the forecast, *one by one* adds stages from top to bottom, so
@@ -43,20 +43,17 @@ def error_budget(method: Method, progress: Progress) -> ChangeTable:
         pairs[stage, "one by one"] = before, before | {stage}
         pairs[stage, "without"] = everything, everything - {stage}
     scores = score(
-        tracked(method.clips(), method.num_clips, progress),
-        method.metrics.values(),
+        method.clips(progress),
+        method.metrics,
         {variant for pair in pairs.values() for variant in pair},
-        lambda clip: (
-            OracleClip(method.predictor, clip, method.matrix.num_past, method.steps).frames
-        ),
+        lambda clip: OracleClip(method, clip).frames,
     )
     changes: dict[str, dict[str, FloatArray]] = {stage: {} for stage in stages}
     for (stage, column), (before, after) in pairs.items():
         changes[stage][column] = scores.values[after] - scores.values[before]
-    levels = {"forecast": scores.values[nothing], "truth": scores.values[everything]}
+    levels = {"forecast": nothing, "truth": everything}
     notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
-    notes += scores.reasons
-    return ChangeTable(method.title, method.metrics, scores.sequences, levels, changes, notes)
+    return change_tables(method.title, scores, levels, changes, notes)
 
 
 def pose_sensitivity(
@@ -64,16 +61,16 @@ def pose_sensitivity(
     progress: Progress,
     angles_deg: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0),
     shifts_m: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5),
-) -> ChangeTable:
+) -> list[Table]:
     """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
     exact = ("yaw", 0.0)
     sizes = {axis: (shifts_m if axis in "xyz" else angles_deg) for axis in AXES}
     offsets = [(axis, size) for axis in AXES for size in sizes[axis]]
     scores = score(
-        tracked(method.clips(), method.num_clips, progress),
-        method.metrics.values(),
+        method.clips(progress),
+        method.metrics,
         [exact, *offsets, *((axis, -size) for axis, size in offsets)],
-        lambda clip: viewed_from_offsets(method, clip),
+        lambda clip: view_from_offsets(method, clip),
     )
     changes = {}
     for axis, size in offsets:
@@ -85,27 +82,20 @@ def pose_sensitivity(
             "negative": negative,
             "positive": positive,
         }
-    levels = {"no offset": scores.values[exact]}
-    return ChangeTable(
-        method.title, method.metrics, scores.sequences, levels, changes, scores.reasons
-    )
+    return change_tables(method.title, scores, {"no offset": exact}, changes)
 
 
-def viewed_from_offsets(method: Method, clip: Clip) -> Predict[Offset]:
+def view_from_offsets(method: Method, clip: Clip) -> Predict[Offset]:
     """Return the function that predicts a clip from offset poses."""
-    renderer = method.predictor.renderer
-    truth = Registered()
-    context, target = clip.split(method.matrix.num_past, truth.needs | renderer.needs)
-    motion = truth.estimate(context.only(truth.needs))
-    if not motion.past.is_metric:
+    oracle = OracleClip(method, clip)
+    truth = frozenset(STAGES[:8])
+    poses = oracle.motion(truth).futures[0, oracle.steps]
+    if not oracle.truth.past.is_metric:
         raise Incompatible(f"{clip.name} has no metric poses: offsets are in metres")
-    scene = renderer.reconstruct(context.only(renderer.needs), motion.past)
-    steps = np.array(method.steps)
-    times_s = context.times_s[context.num_past + steps]
 
     def view(offset: Offset) -> tuple[ByteArray, ByteArray]:
-        poses = motion.futures[0, steps] @ cam_from_offset(offset)
-        return scene.view(poses, times_s, context.intrinsics).frames, target.frames[steps]
+        frames = oracle.render(truth, poses @ cam_from_offset(offset)).frames
+        return frames, oracle.target.frames[oracle.steps]
 
     return view
 

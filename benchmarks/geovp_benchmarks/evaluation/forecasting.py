@@ -4,7 +4,7 @@ Errors of position and yaw are taken on the x-z plane of the last observed camer
 pitch and roll over the plane of the past motion.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
 Window = tuple[Trajectory, Trajectory]  # past and future
-Scores = Mapping[str, FloatArray]  # by name, [N], [N, F] or [N, F, 5]
+Scores = Mapping[str, FloatArray]  # [N] by name
 
 
 def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
@@ -63,11 +63,11 @@ def read_windows(
     folder: Path, names: Sequence[str], num_past: int = 10, num_future: int = 20, stride: int = 5
 ) -> list[Window]:
     """Return all windows of the named sequences; raise BadData if there is none."""
-    windows = [
-        window
-        for trajectory in read_sequences(folder, names).values()
-        for window in cut(trajectory, num_past, num_future, stride)
-    ]
+    windows = []
+    for trajectory in read_sequences(folder, names).values():
+        for first in range(0, len(trajectory) - num_past - num_future + 1, stride):
+            window = trajectory[first : first + num_past + num_future]
+            windows.append((window[:num_past], window[num_past:]))
     if not windows:
         raise BadData(
             f"{folder}: no sequence is as long as one window of {num_past + num_future} poses"
@@ -75,36 +75,34 @@ def read_windows(
     return windows
 
 
-def cut(
-    trajectory: Trajectory, num_past: int = 10, num_future: int = 20, stride: int = 5
-) -> Iterator[Window]:
-    """Yield the windows of a sequence with starts `stride` frames apart."""
-    for first in range(0, len(trajectory) - num_past - num_future + 1, stride):
-        middle = first + num_past
-        yield trajectory[first:middle], trajectory[middle : middle + num_future]
-
-
 def evaluate(
-    windows: Sequence[Window], compared: Mapping[str, Forecaster], progress: Progress
+    windows: Sequence[Window],
+    compared: Mapping[str, Forecaster],
+    progress: Progress,
+    regions: Sequence[float] = (0.5, 0.9),
 ) -> dict[str, Scores]:
     """Return the scores of each forecaster on the same windows."""
     pairs = [(name, window) for name in compared for window in windows]
-    rows: dict[str, list[Scores]] = {name: [] for name in compared}
+    rows: dict[str, list[dict[str, float]]] = {name: [] for name in compared}
     for name, window in tracked(pairs, len(pairs), progress):
-        rows[name].append(window_scores(compared[name], *window))
+        rows[name].append(window_scores(compared[name], *window, regions))
     return {
-        name: {key: np.stack([row[key] for row in each]) for key in each[0]}
+        name: {key: np.array([row[key] for row in each]) for key in each[0]}
         for name, each in rows.items()
     }
 
 
 def window_scores(
-    forecaster: Forecaster, past: Trajectory, future: Trajectory, num_samples: int = 100
-) -> dict[str, FloatArray]:
-    """Return the scores of one window; those of samples and distributions where there are any.
+    forecaster: Forecaster,
+    past: Trajectory,
+    future: Trajectory,
+    regions: Sequence[float] = (0.5, 0.9),  # probabilities
+    num_samples: int = 100,
+) -> dict[str, float]:
+    """Return the scores of one window, averaged over steps or at a step "@k".
 
-    "best of N" is the minimum over the first N samples. "ranks" [F, 5] are the probabilities of the
-    smallest regions that hold the truth: in (x, z, yaw), height, pitch, roll, and all six.
+    "best of N" is the minimum over the first N samples. "in 90%" is the fraction of true states
+    inside the region of that probability.
     """
 
     def states(world_from_cam: FloatArray) -> FloatArray:
@@ -115,16 +113,21 @@ def window_scores(
     body_truth = over_plane(future.world_from_cam, past)
     samples = forecaster.forecast(past, future.times_s, num_samples)
     centre = forecaster.forecast(past, future.times_s)[0]
-    error = states(centre) - truth
-    body_error = np.abs(over_plane(centre, past) - body_truth)
-    scores = {
-        "position m": np.linalg.norm(error[:, :2], axis=-1),
-        "yaw deg": np.degrees(np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi)),
-        "height m": body_error[:, 0],
-        "pitch deg": np.degrees(body_error[:, 1]),
-        "roll deg": np.degrees(body_error[:, 2]),
-        "turned deg": np.degrees(np.unwrap(truth[:, 2])[-1]),
+    x_m, z_m, yaw_rad = (states(centre) - truth).T
+    height_m, pitch_rad, roll_rad = np.abs(over_plane(centre, past) - body_truth).T
+    errors = {
+        "position m": np.hypot(x_m, z_m),
+        "yaw deg": np.degrees(np.abs((yaw_rad + np.pi) % (2 * np.pi) - np.pi)),
+        "height m": height_m,
+        "pitch deg": np.degrees(pitch_rad),
+        "roll deg": np.degrees(roll_rad),
     }
+    last = len(future)
+    scores = {"ADE m": errors["position m"].mean(), "FDE m": errors["position m"][-1]}
+    for name, error in errors.items():
+        scores[name] = error.mean()
+        scores.update({f"{name} @{k}": error[k - 1] for k in (1, 10, last) if k <= last})
+    scores["turned deg"] = np.degrees(np.unwrap(truth[:, 2])[-1])
     if (samples != samples[0]).any():
         distances_m = np.linalg.norm((states(samples) - truth)[..., :2], axis=-1).mean(axis=1)
         rotations_rad = se3.rotation_angle_rad(se3.inverse(future.world_from_cam) @ samples)
@@ -135,8 +138,11 @@ def window_scores(
     if isinstance(forecaster, TurnRateKalman | MotionPrior):
         forecast = forecaster.distribution(past, future.times_s)
         own = forecast.states_of(future.world_from_cam)
-        scores["NLL nats"] = -forecast.log_density(own[None])[0]
-        scores["ranks"] = highest_density_ranks(forecast, own, body_truth)
+        scores["NLL nats"] = -forecast.log_density(own[None]).mean()
+        for name, ranks in highest_density_ranks(forecast, own, body_truth).items():
+            for region in regions:
+                scores[f"{name} in {region:.0%}"] = (ranks <= region).mean()
+                scores[f"{name} in {region:.0%} @{last}"] = float(ranks[-1] <= region)
     return scores
 
 
@@ -146,50 +152,33 @@ def highest_density_ranks(
     body: FloatArray,  # [F, 3], over it
     num_samples: int = 400,
     seed: int = 0,
-) -> FloatArray:
-    """Return the fractions [F, 5] of samples that are likelier than the truth (Hyndman 1996).
+) -> dict[str, FloatArray]:
+    """Return the probabilities [F] of the smallest regions that hold the truth (Hyndman 1996).
 
-    The body's own are exact; NaN if the forecast has no distribution of the body.
+    Those of (x, z, yaw) and of all six components are fractions of samples that are likelier.
     """
     density = forecast.log_density(states[None])[0]
     densities = forecast.log_density(forecast.sample(num_samples, seed))
-    ranks = np.full((len(states), 5), np.nan)
-    ranks[:, 0] = (densities > density).mean(axis=0)
+    ranks = {"x, z, yaw": (densities > density).mean(axis=0)}
     if forecast.body is not None:
-        ranks[:, 1:4] = forecast.body.ranks(body)
+        ranks.update(zip(("height", "pitch", "roll"), forecast.body.ranks(body).T, strict=True))
         density = density + forecast.body.log_density(body[None])[0]
         densities += forecast.body.log_density(forecast.body.sample(num_samples, seed))
-        ranks[:, 4] = (densities > density).mean(axis=0)
+        ranks["all six"] = (densities > density).mean(axis=0)
     return ranks
 
 
 def summary(scores: Scores, turning_deg: float = 15.0) -> dict[str, float]:
-    """Return the averages over windows; windows that turn more than `turning_deg` separately."""
-    position_m, yaw_deg = scores["position m"], scores["yaw deg"]
-    last = position_m.shape[1]
-    averages = {f"error @{k} m": position_m[:, k - 1].mean() for k in (1, 10, 20) if k <= last}
-    averages["ADE m"] = position_m.mean()
-    averages["FDE m"] = position_m[:, -1].mean()
-    averages[f"yaw @{last} deg"] = yaw_deg[:, -1].mean()
-    averages[f"yaw @{last} deg, median"] = np.median(yaw_deg[:, -1])
-    for name in ("height m", "pitch deg", "roll deg"):
-        averages[name.replace(" ", " @1 ")] = scores[name][:, 0].mean()
-        averages[name] = scores[name].mean()
+    """Return the means over windows, the median of the last yaw, and means over turning windows."""
+    averages = {name: float(values.mean()) for name, values in scores.items()}
+    *_, yaw = (name for name in scores if name.startswith("yaw deg @"))
+    averages[f"{yaw}, median"] = float(np.median(scores[yaw]))
     is_turning = np.abs(scores["turned deg"]) > turning_deg
     if is_turning.any():
-        label = f"{is_turning.sum()} turning windows"
-        averages[f"ADE m, {label}"] = position_m[is_turning].mean()
-        averages[f"yaw @{last} deg, {label}"] = yaw_deg[is_turning, -1].mean()
-    for name in scores:
-        if "best of" in name or name == "NLL nats":
-            averages[name] = scores[name].mean()
-    if "ranks" in scores:
-        for number, name in enumerate(("x, z, yaw", "height", "pitch", "roll", "all six")):
-            ranks = scores["ranks"][..., number]
-            for region in (0.5, 0.9):
-                averages[f"{name} in {region:.0%}"] = (ranks <= region).mean()
-                averages[f"{name} in {region:.0%} @{last}"] = (ranks[:, -1] <= region).mean()
-    return {name: float(value) for name, value in averages.items()}
+        for name in ("ADE m", yaw):
+            label = f"{name}, {is_turning.sum()} turning windows"
+            averages[label] = float(scores[name][is_turning].mean())
+    return averages
 
 
 def lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:

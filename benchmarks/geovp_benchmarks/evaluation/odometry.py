@@ -31,9 +31,18 @@ class TrackedSequence:
         """Return a table of errors by alignment, with a head; empty without recorded poses."""
         if self.truth is None:
             return []
-        rows = [drift_row(self.estimate, self.truth, how) for how in drift.ALIGNMENTS]
         names = ("t_rel (%)", "r_rel (deg/100m)", "ATE (m)", "RPE (m)", "RPE (deg)")
-        return [["alignment", *names], *rows]
+        table = [["alignment", *names]]
+        for alignment in drift.ALIGNMENTS:
+            texts = ["no metric scale"] * len(names)
+            has_scale = self.estimate.is_metric and self.truth.is_metric
+            if has_scale or alignment in ("scale", "sim3"):
+                try:
+                    texts = errors(drift.aligned(self.estimate, self.truth, alignment), self.truth)
+                except BadData as error:
+                    texts = [str(error)] * len(names)
+            table.append([alignment, *texts])
+        return table
 
     def write(self, folder: Path) -> list[Path]:
         """Write the path as KITTI and TUM files, which evo plots; return the files."""
@@ -42,6 +51,17 @@ class TrackedSequence:
         pose_files.write_kitti(kitti, self.estimate)
         pose_files.write_tum(tum, self.estimate)
         return [kitti, tum]
+
+
+def errors(aligned: Trajectory, truth: Trajectory) -> list[str]:
+    """Return the drift, and root mean squares of absolute and relative errors, as texts."""
+    drifted = drift.kitti_drift(aligned, truth)
+    relative = [f"{drifted.translation_percent:.2f}", f"{drifted.rotation_deg_per_100m:.3f}"]
+    if drifted.num_segments == 0:
+        relative = ["too short"] * 2
+    rpe_m, rpe_deg = map(drift.root_mean_square, drift.relative_error(aligned, truth))
+    ate_m = drift.root_mean_square(drift.absolute_error_m(aligned, truth))
+    return [*relative, f"{ate_m:.2f}", f"{rpe_m:.4f}", f"{rpe_deg:.4f}"]
 
 
 def track_sequences(
@@ -67,23 +87,6 @@ def track_sequences(
         yield TrackedSequence(stretch, estimate, is_tracked, None if truth is None else truth[kept])
 
 
-def drift_row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> list[str]:
-    """Return the alignment and the errors under it, as texts."""
-    if how in ("origin", "se3") and not (estimate.is_metric and truth.is_metric):
-        return [how, *["no metric scale"] * 5]
-    try:
-        aligned = drift.aligned(estimate, truth, how)
-    except BadData as error:
-        return [how, *[str(error)] * 5]
-    drifted = drift.kitti_drift(aligned, truth)
-    errors = [drift.absolute_error_m(aligned, truth), *drift.relative_error(aligned, truth)]
-    ate_m, rpe_m, rpe_deg = map(drift.root_mean_square, errors)
-    relative = [f"{drifted.translation_percent:.2f}", f"{drifted.rotation_deg_per_100m:.3f}"]
-    if drifted.num_segments == 0:
-        relative = ["too short"] * 2
-    return [how, *relative, f"{ate_m:.2f}", f"{rpe_m:.4f}", f"{rpe_deg:.4f}"]
-
-
 def clip_table(
     data: Mapping[str, Any],  # with stride and size_px
     frames: Sequence[str],
@@ -91,24 +94,22 @@ def clip_table(
     num_past: int,
     progress: Progress,
 ) -> list[list[str]]:
-    """Return the median errors of an odometry on clips, a row per stretch, with a head.
-
-    The length is the absolute value of its error on a clip.
-    """
+    """Return the median errors of an odometry on clips, a row per stretch, with a head."""
     odometry = registry.build("odometries", spec)
     with_full = PrivilegedInput.FULL_FRAMES in odometry.needs
     shared = {**data, "num_frames": num_past + 1, "with_full": with_full}
-    names = ("tracked", "rotation (deg/frame)", "direction (deg)", "length (%)")
-    table = [["frames", "clips", *names]]
+    table = [
+        ["frames", "clips", "tracked", "rotation (deg/frame)", "direction (deg)", "length (%)"]
+    ]
     for stretch in frames:
         dataset = registry.build("datasets", {**shared, "sequences": [stretch]})
         numbers = tracked(range(len(dataset)), len(dataset), progress)
         clips = [step_errors(odometry, dataset[number], num_past) for number in numbers]
-        is_tracked, rotation, direction, length = map(np.concatenate, zip(*clips, strict=True))
-        medians = [f"{np.median(rotation):.4f}"]
-        for errors, digits in ((direction, 2), (np.abs(length), 1)):
-            known = errors[np.isfinite(errors)]
-            medians.append(f"{np.median(known):.{digits}f}" if len(known) else "-")
+        is_tracked, *steps = map(np.concatenate, zip(*clips, strict=True))
+        medians = []
+        for values, digits in zip(steps, (4, 2, 1), strict=True):
+            finite = values[np.isfinite(values)]
+            medians.append(f"{np.median(finite):.{digits}f}" if len(finite) else "-")
         name = str(dataset.ranges[0]) if len(dataset.ranges) == 1 else stretch
         table.append([name, str(len(clips)), f"{is_tracked.mean():.1%}", *medians])
     return table
@@ -125,19 +126,20 @@ def step_errors(
         raise Incompatible(f"{clip.name} has no recorded poses: choose a sequence that has")
     context, _ = clip.split(num_past, odometry.needs)
     estimate, is_tracked = odometry.track(context)
-    paths = clip.trajectory.world_from_cam[:num_past], estimate.world_from_cam
-    real, ours = (se3.inverse(path[:-1]) @ path[1:] for path in paths)  # [N, 4, 4]
-    real_length, length = (np.linalg.norm(steps[:, :3, 3], axis=-1) for steps in (real, ours))
-    products = (real[:, :3, 3] * ours[:, :3, 3]).sum(axis=-1)
-    cosine = products / np.maximum(real_length * length, 1e-12)
+    truth = clip.trajectory[:num_past]
+    real, ours = (
+        (se3.inverse(path.world_from_cam[:-1]) @ path.world_from_cam[1:])[:, :3, 3]
+        for path in (truth, estimate)
+    )
+    real_length, length = (np.linalg.norm(steps, axis=-1) for steps in (real, ours))
+    cosine = (real * ours).sum(axis=-1) / np.maximum(real_length * length, 1e-12)
     direction_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     length_percent = np.nan
-    is_metric = estimate.is_metric and clip.trajectory.is_metric
-    if is_metric and real_length.sum() > min_step_m:
-        length_percent = 100 * (length.sum() / real_length.sum() - 1)
+    if estimate.is_metric and truth.is_metric and real_length.sum() > min_step_m:
+        length_percent = 100 * abs(length.sum() / real_length.sum() - 1)
     return (
         is_tracked[1:],
-        np.degrees(se3.rotation_angle_rad(se3.inverse(real) @ ours)),
+        drift.relative_error(estimate, truth)[1],
         np.where(real_length > min_step_m, direction_deg, np.nan),
         np.array([length_percent]),
     )

@@ -13,14 +13,16 @@ forecasters and depths in metres. True poses are the recorded ones, registered t
 frames, too. *Exposure* is the median ratio of grey levels.
 """
 
-from collections.abc import Sequence
+import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from geovp_benchmarks.evaluation.variants import Method
 from geovp_classic.depth.given import Given
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import Incompatible
@@ -30,7 +32,6 @@ from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.refined import Refined
 from geovp_classic.pose_sources.registered import Registered
-from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.exposure import ExposureEstimator
 from geovp_classic.types import (
     BoolArray,
@@ -55,22 +56,20 @@ STAGES = (
 class OracleClip:
     """One clip, predicted with any stages from ground truth; shared steps run once."""
 
-    def __init__(
-        self, predictor: GeometricPredictor, clip: Clip, num_past: int, steps: Sequence[int]
-    ) -> None:
+    def __init__(self, method: Method, clip: Clip) -> None:
         truth = Registered()
-        self.source = predictor.pose_source
-        self.renderer = predictor.renderer
+        self.source = method.predictor.pose_source
+        self.renderer = method.predictor.renderer
         self.true_depth = with_true_depth(self.renderer, clip) or self.renderer
-        needs = predictor.needs | truth.needs | self.true_depth.needs
-        self.context, self.target = clip.split(num_past, needs)
-        self.steps = np.array(steps)  # of the future, from 0
+        needs = method.predictor.needs | truth.needs | self.true_depth.needs
+        self.context, self.target = clip.split(method.matrix.num_past, needs)
+        self.steps = np.array(method.steps)
         self.truth = truth.estimate(self.context.only(truth.needs))
         self.estimate = self.source.estimate(self.context.only(self.source.needs))
         self.scale = metres_per_unit(self.estimate.past, self.truth.past)
-        self._forecasts: dict[Oracles, FloatArray] = {}
-        self._scenes: dict[Oracles, Scene] = {}
-        self._views: dict[Oracles, Views] = {}
+        self.forecast = functools.cache(self._forecast)
+        self.scene = functools.cache(self._scene)
+        self.view = functools.cache(self._view)
 
     def frames(self, oracles: Oracles) -> tuple[ByteArray, ByteArray]:
         """Return predicted and real frames [N, H, W, 3].
@@ -78,8 +77,8 @@ class OracleClip:
         Frames with less than 10 % of covered pixels at true poses are left out. Raises
         Incompatible if there is no other frame.
         """
-        views = self._view(oracles.intersection(STAGES[:9]))
-        is_seen = self._view(frozenset(STAGES[:9])).covered
+        views = self.view(oracles.intersection(STAGES[:9]))
+        is_seen = self.view(frozenset(STAGES[:9])).covered
         used = np.flatnonzero(is_seen.mean(axis=(1, 2)) >= 0.1)
         if not len(used):
             raise Incompatible(f"{self.context.name}: the future shows nothing of the past")
@@ -97,44 +96,48 @@ class OracleClip:
 
     def motion(self, oracles: Oracles) -> Motion:
         """Return the motion with these stages from ground truth."""
-        has_scale = "scale" in oracles
-        if "past poses" in oracles:
-            past, factor = self.truth.past, 1 if has_scale else 1 / self.scale
-        else:
-            past, factor = self.estimate.past, self.scale if has_scale else 1
-        poses = past.world_from_cam.copy()
-        poses[:, :3, 3] *= factor
-        past = Trajectory(poses, past.times_s, has_scale or self.estimate.past.is_metric)
+        past = self.past(oracles)
         truth = last_from_future(self.truth)
-        truth[:, :3, 3] /= 1 if has_scale else self.scale
-        forecast = self._forecast(oracles & {"past poses", "scale"}, past)
+        truth[:, :3, 3] *= self.unit(oracles)
+        forecast = self.forecast(oracles & {"past poses", "scale"})
         futures = past.world_from_cam[-1] @ mixed_poses(forecast, truth, oracles)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
-    def _forecast(self, oracles: Oracles, past: Trajectory) -> FloatArray:
-        """Return the forecast from a corrected past as last_from_cam [F, 4, 4]."""
-        if oracles not in self._forecasts:
-            source = with_past(self.source, past) if oracles else None
-            motion = source.estimate(self.context.only(source.needs)) if source else self.estimate
-            forecast = last_from_future(motion)
-            if source is None and "scale" in oracles:
-                forecast[:, :3, 3] *= self.scale
-            self._forecasts[oracles] = forecast
-        return self._forecasts[oracles]
+    def unit(self, oracles: Oracles) -> float:
+        """Return the units of the past per metre."""
+        return 1.0 if "scale" in oracles else 1 / self.scale
+
+    def past(self, oracles: Oracles) -> Trajectory:
+        """Return the past with its poses or its scale from ground truth."""
+        past, factor = self.estimate.past, self.unit(oracles) * self.scale
+        if "past poses" in oracles:
+            past, factor = self.truth.past, self.unit(oracles)
+        poses = past.world_from_cam.copy()
+        poses[:, :3, 3] *= factor
+        is_metric = "scale" in oracles or self.estimate.past.is_metric
+        return Trajectory(poses, past.times_s, is_metric)
+
+    def _forecast(self, oracles: Oracles) -> FloatArray:
+        """Return the forecast from the past as last_from_cam [F, 4, 4]."""
+        source = with_past(self.source, self.past(oracles)) if oracles else None
+        if source is not None:
+            return last_from_future(source.estimate(self.context.only(source.needs)))
+        forecast = last_from_future(self.estimate)
+        forecast[:, :3, 3] *= self.unit(oracles) * self.scale
+        return forecast
+
+    def _scene(self, oracles: Oracles) -> Scene:
+        renderer = self.true_depth if "depth" in oracles else self.renderer
+        return renderer.reconstruct(self.context.only(renderer.needs), self.past(oracles))
 
     def _view(self, oracles: Oracles) -> Views:
-        if oracles not in self._views:
-            motion = self.motion(oracles)
-            about_scene = oracles & {"past poses", "scale", "depth"}
-            if about_scene not in self._scenes:
-                renderer = self.true_depth if "depth" in oracles else self.renderer
-                context = self.context.only(renderer.needs)
-                self._scenes[about_scene] = renderer.reconstruct(context, motion.past)
-            times_s = self.context.times_s[self.context.num_past + self.steps]
-            self._views[oracles] = self._scenes[about_scene].view(
-                motion.futures[0, self.steps], times_s, self.context.intrinsics
-            )
-        return self._views[oracles]
+        return self.render(oracles, self.motion(oracles).futures[0, self.steps])
+
+    def render(self, oracles: Oracles, world_from_cam: FloatArray) -> Views:
+        """Render the scene from poses [N, 4, 4] at the scored steps."""
+        scene = self.scene(oracles & {"past poses", "scale", "depth"})
+        times_s = self.context.times_s[self.context.num_past + self.steps]
+        return scene.view(world_from_cam, times_s, self.context.intrinsics)
 
 
 def with_true_depth(renderer: Renderer, clip: Clip) -> Renderer | None:
@@ -233,11 +236,9 @@ def points_along(
     distances: FloatArray,  # [F]
 ) -> FloatArray:
     """Return the points [F, 2] at distances along the path, which continues straight ahead."""
-    steps = np.diff(path, axis=0, prepend=0)
-    lengths = np.linalg.norm(steps, axis=-1)
-    moving = np.flatnonzero(lengths)
-    ahead = steps[moving[-1]] / lengths[moving[-1]] if len(moving) else np.array([0.0, 1.0])
-    beyond = float(distances.max()) + 1.0
-    corners = np.vstack([np.zeros(2), path, path[-1] + beyond * ahead])
-    at = np.cumsum([0.0, *lengths, beyond])
-    return np.stack([np.interp(distances, at, corners[:, axis]) for axis in (0, 1)], axis=-1)
+    corners = np.vstack([np.zeros(2), path])
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=-1)
+    at, first = np.unique(np.cumsum([0.0, *lengths]), return_index=True)
+    if len(at) == 1:
+        return np.outer(distances, [0, 1])
+    return np.asarray(make_interp_spline(at, corners[first], k=1)(distances))

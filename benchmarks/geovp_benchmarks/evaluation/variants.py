@@ -6,9 +6,11 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import KIND, Interval, interval, sequence_of
+from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.tables.formats import grid
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.results.score_names import UNBOUNDED
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric
@@ -44,11 +46,10 @@ class Method:
             f"every {self.matrix.stride} frames, horizons {horizons}"
         )
 
-    def clips(self) -> Iterator[tuple[str, Clip]]:
-        """Yield the clips, each with the name of its sequence."""
-        for index in range(self.num_clips):
-            clip = self.dataset[index]
-            yield sequence_of(clip.name), clip
+    def clips(self, progress: Progress) -> Iterator[Clip]:
+        """Yield the clips; report each as done when the next one is asked for."""
+        clips = map(self.dataset.__getitem__, range(self.num_clips))
+        return tracked(clips, self.num_clips, progress)
 
 
 def read_method(
@@ -89,82 +90,62 @@ def read_method(
 class Scores(Generic[Variant]):
     """Scores by M metrics on N clips, averaged over the scored steps."""
 
+    metrics: Mapping[str, FrameMetric]
+    clips: Sequence[str]  # [N]
     values: Mapping[Variant, FloatArray]  # [N, M]; NaN where a variant is impossible
-    sequences: Sequence[str]  # [N]
     reasons: Sequence[str]  # why variants are impossible
 
 
 def score(
-    clips: Iterable[tuple[str, Clip]],  # with the name of the sequence
-    metrics: Iterable[FrameMetric],
+    clips: Iterable[Clip],
+    metrics: Mapping[str, FrameMetric],
     variants: Iterable[Variant],
     prepare: Callable[[Clip], Predict[Variant]],
 ) -> Scores[Variant]:
     """Score all variants on all clips; raise Incompatible if all are impossible."""
     values: dict[Variant, list[list[float]]] = {variant: [] for variant in variants}
-    sequences = []
+    names = []
     reasons: dict[str, None] = {}
-    for sequence, clip in clips:
-        sequences.append(sequence)
+    for clip in clips:
+        names.append(clip.name)
         predict = prepare(clip)
         for variant, rows in values.items():
             try:
                 frames, real = predict(variant)
-                rows.append([float(metric(frames, real, None).mean()) for metric in metrics])
+                rows.append([metric(frames, real, None).mean() for metric in metrics.values()])
             except Incompatible as error:
                 reasons[str(error)] = None
-                rows.append([np.nan for _ in metrics])
+                rows.append([np.nan] * len(metrics))
     arrays = {variant: np.array(rows) for variant, rows in values.items()}
     if np.isnan(list(arrays.values())).all():
         raise Incompatible(next(iter(reasons)))
-    return Scores(arrays, sequences, list(reasons))
+    return Scores(metrics, names, arrays, list(reasons))
 
 
-@dataclass(frozen=True)
-class ChangeTable:
-    """Paired changes of M metrics on N clips."""
-
-    title: str
-    metrics: Mapping[str, FrameMetric]
-    sequences: Sequence[str]  # [N]
-    levels: Mapping[str, FloatArray]  # [N, M], scores that are stated above the tables
-    changes: Mapping[str, Mapping[str, FloatArray]]  # [N, M], by row and column
-    notes: Sequence[str]
-
-    def interval(self, row: str, column: str, metric: str) -> Interval:
-        """Return the mean change with its interval."""
-        values = self.changes[row][column][:, list(self.metrics).index(metric)]
-        return interval(values, np.array(self.sequences))
-
-    def lines(self) -> Iterator[str]:
-        """Yield a Markdown table per metric, and the notes."""
-        yield self.title
-        for number, (name, metric) in enumerate(self.metrics.items()):
-            digits = 2 if metric.unit == "dB" else 4
-            levels = [
-                f"{label} {np.nanmean(values[:, number]):.{digits}f}"
-                for label, values in self.levels.items()
-            ]
-            lines = [["", *next(iter(self.changes.values())), "clips"]]
-            for row, columns in self.changes.items():
-                texts = [
-                    change_text(self.interval(row, column, name), digits) for column in columns
-                ]
-                is_finite = np.isfinite([values[:, number] for values in columns.values()])
-                lines.append([row, *texts, str(is_finite.all(axis=0).sum())])
-            yield from ("", f"{heading(name, metric)}: {', '.join(levels)}", "", *grid(lines))
-        yield from ("", *self.notes)
-        if len(self.sequences) > 2:
-            yield KIND
-
-
-def change_text(change: Interval, digits: int) -> str:
-    """Format a change with its interval, if there is one."""
-    ends = [f"{end:+.{digits}f}" for end in (change.low, change.high) if np.isfinite(end)]
-    return f"{change.mean:+.{digits}f} [{', '.join(ends)}]".removesuffix(" []")
-
-
-def heading(name: str, metric: FrameMetric) -> str:
-    """Return the name of a metric with its unit and an arrow to better values."""
-    unit = f" ({metric.unit})" if metric.unit else ""
-    return f"{name.upper()}{unit} {'↑' if metric.higher_is_better else '↓'}"
+def change_tables(
+    title: str,
+    scores: Scores[Variant],
+    levels: Mapping[str, Variant],
+    changes: Mapping[str, Mapping[str, FloatArray]],  # [N, M] by row and column
+    notes: Sequence[str] = (),
+) -> list[Table]:
+    """Return a table of paired changes per metric, with the scores of `levels` in its title."""
+    tables = []
+    for number, (name, metric) in enumerate(scores.metrics.items()):
+        decimals = 2 if metric.unit == "dB" else 4
+        columns = [Column(key, key, None, decimals) for key in next(iter(changes.values()))]
+        rows = []
+        for label, cells in changes.items():
+            changed = {
+                key: Score.of(values[:, number], scores.clips, UNBOUNDED)
+                for key, values in cells.items()
+            }
+            rows.append(MethodScores(label, changed, num_clips=len(scores.clips)))
+        means = (np.nanmean(scores.values[variant][:, number]) for variant in levels.values())
+        texts = ", ".join(
+            f"{label} {mean:.{decimals}f}" for label, mean in zip(levels, means, strict=True)
+        )
+        heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {texts}"
+        all_notes = (*notes, *scores.reasons, KIND)
+        tables.append(Table(name, heading, columns, rows, all_notes, starred=()))
+    return tables

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.analysis.intervals import Interval
 from geovp_benchmarks.evaluation.error_budget import cam_from_offset
-from geovp_benchmarks.evaluation.variants import ChangeTable, change_text, score
+from geovp_benchmarks.evaluation.variants import change_tables, score
+from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import Incompatible
 from geovp_classic.metrics.image import Psnr
@@ -49,7 +49,6 @@ def rows_of(lines: list[str]) -> dict[str, list[str]]:
 
 def test_impossible_variants_leave_out_the_clip() -> None:
     clip = Synthetic(num_clips=1, num_frames=12, size_px=(32, 32))[0]
-    clips = [("a", clip), ("a", clip), ("a", clip)]
     grey = np.full((1, 32, 32, 3), 100, np.uint8)
     calls = []
 
@@ -59,16 +58,17 @@ def test_impossible_variants_leave_out_the_clip() -> None:
             raise Incompatible("no scale")
         return grey + np.uint8(variant == "wrong"), grey - np.uint8(1)
 
-    scores = score(clips, [Psnr()], ["wrong", "right"], lambda clip: predict)
+    scores = score([clip] * 3, {"psnr": Psnr()}, ["wrong", "right"], lambda clip: predict)
     # one level off is 48.13 dB, two are 42.11 dB
     np.testing.assert_allclose(scores.values["wrong"].ravel(), [42.11] * 3, atol=0.005)
     np.testing.assert_allclose(scores.values["right"].ravel(), [48.13, np.nan, 48.13], atol=0.005)
     assert scores.reasons == ["no scale"]
     gain = scores.values["right"] - scores.values["wrong"]
-    table = ChangeTable(
-        "title", {"psnr": Psnr()}, scores.sequences, {}, {"row": {"gain": gain}}, ()
-    )
-    assert rows_of(list(table.lines()))["row"] == ["+6.02", "2"]
+    (table,) = change_tables("title", scores, {"start": "wrong"}, {"row": {"gain": gain}})
+    lines = markdown(table).splitlines()
+    assert lines[0] == "## title: change of PSNR (dB), start 42.11"
+    assert rows_of(lines)["row"] == ["3 (2)", "+6.02 (n=2)"]
+    assert "- no scale" in lines
 
 
 def test_a_method_that_is_impossible_on_all_clips_is_refused() -> None:
@@ -78,31 +78,27 @@ def test_a_method_that_is_impossible_on_all_clips_is_refused() -> None:
         raise Incompatible("no scale")
 
     with pytest.raises(Incompatible, match="no scale"):
-        score([("a", clip)], [Psnr()], ["right"], lambda clip: predict)
-
-
-def test_an_interval_is_printed_if_there_is_one() -> None:
-    assert change_text(Interval(1.234, 1.0, -0.5, 4, 0.1), 2) == "+1.23 [+1.00, -0.50]"
-    assert change_text(Interval(1.234, np.nan, np.nan, 2, np.nan), 2) == "+1.23"
+        score([clip], {"psnr": Psnr()}, ["right"], lambda clip: predict)
 
 
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
     lines = printed("budget", matrix_file).splitlines()
-    assert lines[0] == "past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5"
+    title = "## past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5: change of PSNR (dB)"
+    assert lines[0].startswith(f"{title}, forecast")
     rows = rows_of(lines)
-    assert len([row for row in rows.values() if row[-1] == "2"]) == 12  # depth and masks are exact
-    levels = next(line for line in lines if line.startswith("PSNR (dB) ↑: forecast"))
-    forecast, truth = (float(words.split()[-1]) for words in levels.split(","))
-    one_by_one = [float(row[1]) for name, row in rows.items() if row[-1] == "2"]
+    rows = {name: row for name, row in rows.items() if row[0].startswith("2")}
+    assert len(rows) == 12  # depth and masks are exact here
+    forecast, truth = (float(words.split()[-1]) for words in lines[0].split(",")[-2:])
+    one_by_one = [float(row[2]) for row in rows.values()]
     assert sum(one_by_one) == pytest.approx(truth - forecast, abs=0.07)  # of rounded numbers
     assert truth > forecast + 1
-    assert not [line for line in lines if "nan" in line or "95 %" in line]
+    assert not [line for line in lines if "nan" in line]
 
 
 def test_stages_that_cannot_be_measured_are_named(matrix_file: Path, printed: Says) -> None:
     write_matrix(matrix_file, {**TABLES, "renderers": {"plane": "ground-far-plane"}})
     lines = printed("budget", matrix_file, "--limit", "1").splitlines()
-    assert [line for line in lines if line.startswith("depth is not measured")]
+    assert [line for line in lines if line.startswith("- depth is not measured")]
     assert "depth" not in rows_of(lines)
 
 
@@ -130,7 +126,7 @@ def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     lines = printed("budget", matrix_file, "--sensitivity", "--limit", "1").splitlines()
     rows = rows_of(lines)
     names = ("pitch 2 deg", "pitch 0.5 deg", "y 0.5 m", "y 0.1 m")
-    loss = {name: float(rows[name][0]) for name in names}
+    loss = {name: float(rows[name][1]) for name in names}
     assert loss["pitch 2 deg"] < loss["pitch 0.5 deg"] < 0
     assert loss["y 0.5 m"] < loss["y 0.1 m"] < 0.05
-    assert not [line for line in lines if "nan" in line or "95 %" in line]
+    assert not [line for line in lines if "nan" in line]

@@ -12,6 +12,8 @@ from geovp_benchmarks.evaluation.oracles import (
     mixed_poses,
     with_true_depth,
 )
+from geovp_benchmarks.evaluation.variants import Method
+from geovp_benchmarks.matrix import schema
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.forecasting.constant import ConstantVelocity
@@ -133,6 +135,21 @@ class HalfCovered:
         return Views(frames.astype(np.uint8), covered, np.ones(shape, np.float32))
 
 
+MATRIX = schema.parse(
+    "toy",
+    {
+        "protocol": {
+            "dataset": {"name": "synthetic"},
+            "num_past": 5,
+            "num_future": 5,
+            "size_px": [64, 64],
+            "stride": 1,
+        },
+        "predictors": {"copy-last": "copy-last"},
+    },
+)
+
+
 def oracle_clip(source: Any, grey: int, z: Any, moving: BoolArray | None = None) -> OracleClip:
     """Return five observed frames, then future ones, of one grey value along z."""
     times_s = 0.1 * np.arange(len(z))
@@ -141,7 +158,8 @@ def oracle_clip(source: Any, grey: int, z: Any, moving: BoolArray | None = None)
     camera = Intrinsics(90.0, 90.0, 31.5, 31.5, 64, 64)
     trajectory = Trajectory(poses, times_s, True)
     clip = Clip("toy", frames, times_s, camera, trajectory, moving=moving)
-    return OracleClip(GeometricPredictor(source, HalfCovered()), clip, 5, (0, 2))
+    predictor = GeometricPredictor(source, HalfCovered())
+    return OracleClip(Method("toy", predictor, MATRIX, [clip], 1, {}), clip)
 
 
 def ahead(motion: Motion) -> FloatArray:
@@ -179,22 +197,22 @@ RECORDED = Chained(Recorded(), ConstantVelocity())
 
 
 def test_holes_are_copied_from_the_real_frame() -> None:
-    predicted, real = oracle_clip(RECORDED, 150, range(8)).frames(frozenset({"holes"}))
+    predicted, real = oracle_clip(RECORDED, 150, range(10)).frames(frozenset({"holes"}))
     assert predicted.shape == real.shape == (2, 64, 64, 3)
     assert (predicted[:, :, :32] == 100).all()
     assert (predicted[:, :, 32:] == 150).all()
 
 
 def test_exposure_is_matched_where_pixels_are_covered() -> None:
-    predicted, _ = oracle_clip(RECORDED, 150, range(8)).frames(frozenset({"exposure"}))
+    predicted, _ = oracle_clip(RECORDED, 150, range(10)).frames(frozenset({"exposure"}))
     assert abs(predicted[:, :, :32].astype(int) - 150).max() <= 1
     assert (predicted[:, :, 32:] == 0).all()
 
 
 def test_dynamic_objects_are_copied_from_the_real_frame() -> None:
-    moving = np.zeros((8, 64, 64), dtype=bool)
-    moving[7, :10] = True  # the third future frame
-    clip = oracle_clip(RECORDED, 150, range(8), moving)
+    moving = np.zeros((10, 64, 64), dtype=bool)
+    moving[9, :10] = True  # the last future frame
+    clip = oracle_clip(RECORDED, 150, range(10), moving)
     predicted, _ = clip.frames(frozenset({"dynamic objects"}))
     assert (predicted[0, :, :32] == 100).all()
     assert (predicted[1, :10] == 150).all()
