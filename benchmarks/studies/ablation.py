@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import KIND
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.evaluation.variants import Predict, score
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.score_names import UNBOUNDED
@@ -34,15 +34,11 @@ STRETCHES = ("03[0:180)", "raw0095", "00[0:569)", "00[600:725)")  # train and va
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the clips and the components."""
-    parser.add_argument(
-        "root", type=Path, metavar="ROOT", help="Folder laid out as KITTI odometry."
-    )
+    add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
     text = f"Sequences or stretches of them. Default: {' '.join(STRETCHES)}."
-    parser.add_argument("frames", nargs="*", default=STRETCHES, metavar="FRAMES", help=text)
-    text = "Frames between the starts of two clips. Default: 10."
-    parser.add_argument("--stride", type=positive, default=10, metavar="N", help=text)
-    text = "Names of the components. Default: all."
-    parser.add_argument("--only", nargs="+", metavar="NAME", help=text)
+    add(parser, "frames", "FRAMES", text, STRETCHES, nargs="*")
+    add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 10.", 10)
+    add(parser, "--only", "NAME...", "Names of the components. Default: all.")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -7,7 +7,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from geovp_benchmarks.arguments import add_method, figure_file
+from geovp_benchmarks.arguments import figure_file
+from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.evaluation.error_budget import error_budget
 from geovp_benchmarks.evaluation.variants import read_method
 from geovp_benchmarks.matrix import schema
@@ -19,15 +20,13 @@ from geovp_classic.types import PrivilegedInput
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and the figure."""
-    add_method(parser)
-    text = "File of the figure: png, pdf or svg."
-    parser.add_argument("figure", type=figure_file, metavar="FILE", help=text)
+    add_shared(parser, "matrix", "--method", "--root", "--limit", "--set")
+    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.", type=figure_file)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
-    matrix = schema.read(args.matrix).with_root(args.root)
-    matrix = matrix.replace(stride=args.stride or matrix.stride)
+    matrix = schema.read(args.matrix, args.set).with_root(args.root)
     method = read_method(matrix, args.method, args.limit, PrivilegedInput.NONE)
     tables = error_budget(method, progress)
     stages = [row.label for row in tables[0].methods]

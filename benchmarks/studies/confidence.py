@@ -1,36 +1,32 @@
-"""Whether the confidence of stored predictions ranks their errors, beside what the step alone would
-tell.
+"""Rank correlation of the confidence of stored predictions with their errors.
 
-Spearman's rank correlation with a frame metric over all clips and steps of each row; nothing is
-predicted.
+It is Spearman's, with a frame metric over all clips and steps of each method, beside that of the
+step alone.
 """
 
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.analysis import confidence
+from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.stored_facts import title
+from geovp_benchmarks.tables.formats import columns
 from geovp_classic.errors import BadData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which results, by which metric."""
-    add_results_folder(parser)
-    parser.add_argument(
-        "--metric", default="psnr", metavar="NAME", help="a stored metric with a better (psnr)"
-    )
+    """Add the results and the metric."""
+    add_shared(parser, "folder")
+    add(parser, "--metric", "METRIC", "Stored frame metric. Default: psnr.", "psnr")
 
 
-def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    """The table."""
-    from geovp_benchmarks.analysis import confidence
-    from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.results.stored_facts import title
-    from geovp_benchmarks.tables.formats import columns
-
-    for part in Results(chosen.folder).by_dataset().values():
-        found = confidence.rankings(part, chosen.metric)
-        if not found:
-            raise BadData(f"{part.root} has no methods with confidences: use other results")
-        yield from columns([[*confidence.HEAD], *([*one.texts()] for one in found)])
-        yield confidence.NOTE.format(title(chosen.metric))
+def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Yield a table per data set."""
+    for results in Results(args.folder).by_dataset().values():
+        rankings = confidence.rankings(results, args.metric)
+        if not rankings:
+            raise BadData(f"{results.root} has no methods with confidences: use other results")
+        yield from columns([confidence.HEAD, *(ranking.texts() for ranking in rankings)])
+        yield confidence.NOTE.format(title(args.metric))

@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from geovp_benchmarks.analysis.intervals import interval
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 
@@ -23,8 +23,7 @@ Filter = tuple[list[float], list[float]]  # numerator, denominator
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the number of draws."""
-    text = "Number of simulated tables per row. Default: 1000."
-    parser.add_argument("--draws", type=positive, default=1000, metavar="N", help=text)
+    add(parser, "--draws", "N", "Number of simulated tables per row. Default: 1000.", 1000)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import columns
 from geovp_classic import registry
@@ -22,9 +22,8 @@ from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Traject
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the clips."""
-    text = "Number of clips. Default: 8."
-    parser.add_argument("clips", nargs="?", type=positive, default=8, metavar="CLIPS", help=text)
+    """Add the number of clips."""
+    add(parser, "clips", "N", "Number of clips. Default: 8.", 8, nargs="?")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

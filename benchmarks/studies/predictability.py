@@ -10,13 +10,12 @@ import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import comb
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from geovp_benchmarks.analysis.intervals import Interval, interval
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.evaluation.forecasting import read_sequences
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
@@ -36,33 +35,14 @@ COMPONENTS = ("along", "across", "height", "pitch", "roll", "yaw")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the pose files and the sequences."""
-    parser.add_argument(
-        "poses",
-        type=Path,
-        metavar="POSES_DIR",
-        help="Folder with NN.txt, and times in NN_times.txt or ../sequences.",
-    )
-    parser.add_argument(
-        "--sequences",
-        nargs="+",
-        default=["03", "05", "06", "07", "10"],
-        metavar="NN",
-        help="Sequences that are predicted. Default: 03 05 06 07 10.",
-    )
-    parser.add_argument(
-        "--fit",
-        nargs="+",
-        default=[f"{number:02}" for number in range(11)],
-        metavar="NN",
-        help="Sequences to fit to, except for the predicted one. Default: 00 to 10.",
-    )
-    parser.add_argument(
-        "--stride",
-        type=positive,
-        default=4,
-        metavar="N",
-        help="Frames between the starts of two windows. Default: 4.",
-    )
+    add(parser, "poses", "FOLDER", "Folder of NN.txt, with times in NN_times.txt or ../sequences.")
+    test = ("03", "05", "06", "07", "10")
+    text = f"Sequences that are predicted. Default: {' '.join(test)}."
+    add(parser, "--sequences", "NN", text, test, nargs="+")
+    sequences = [f"{number:02}" for number in range(11)]
+    text = "Sequences to fit to, except for the predicted one. Default: 00 to 10."
+    add(parser, "--fit", "NN", text, sequences, nargs="+")
+    add(parser, "--stride", "N", "Frames between the starts of two windows. Default: 4.", 4)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

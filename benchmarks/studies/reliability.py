@@ -7,12 +7,12 @@ diagonal, regions are too small.
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.arguments import figure_file
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.evaluation import forecasting
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress
@@ -20,12 +20,9 @@ from geovp_benchmarks.progress import Progress
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the pose files and the figure."""
-    text = "Folder of NN.txt and NN_times.txt."
-    parser.add_argument("poses", type=Path, metavar="POSES_DIR", help=text)
-    text = "File of the figure: png, pdf or svg."
-    parser.add_argument("figure", type=figure_file, metavar="FILE", help=text)
-    text = "Frames between the starts of two windows. Default: 10."
-    parser.add_argument("--stride", type=positive, default=10, metavar="N", help=text)
+    add(parser, "poses", "FOLDER", "Folder of NN.txt and NN_times.txt.")
+    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.", type=figure_file)
+    add(parser, "--stride", "N", "Frames between the starts of two windows. Default: 10.", 10)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

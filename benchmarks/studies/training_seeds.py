@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.intervals import interval, sequences_of
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import columns
@@ -22,12 +22,11 @@ from geovp_classic.errors import BadData
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, the reference and the metrics."""
-    add_results_folder(parser)
-    text = "Method that the others are compared with."
-    parser.add_argument("reference", metavar="METHOD", help=text)
+    add_shared(parser, "folder")
+    add(parser, "reference", "METHOD", "Method that the others are compared with.")
     default = ("average-displacement", "final-displacement", "yaw-error", "psnr")
     text = f"Metrics. Default: {' '.join(default)}."
-    parser.add_argument("--metrics", nargs="+", default=default, metavar="NAME", help=text)
+    add(parser, "--metrics", "METRIC", text, default, nargs="+")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -13,11 +13,11 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from operator import or_
-from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.arguments import figure_file
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -44,38 +44,19 @@ Methods = Mapping[str, GeometricPredictor]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the clips, the corruptions and the figure."""
-    parser.add_argument(
-        "root", type=Path, metavar="ROOT", help="Folder laid out as KITTI odometry."
-    )
-    parser.add_argument(
-        "frames",
-        nargs="*",
-        default=STRETCHES[:2],
-        metavar="FRAMES",
-        help=f"Sequences or stretches of them. Default: {' '.join(STRETCHES[:2])}.",
-    )
-    parser.add_argument(
-        "--stride",
-        type=positive,
-        default=60,
-        metavar="N",
-        help="Frames between the starts of two clips. Default: 60.",
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        default=list(CORRUPTIONS),
-        metavar="NAME",
-        help="Names of the corruptions. Default: all.",
-    )
-    parser.add_argument(
-        "--plot", type=figure_file, metavar="FILE", help="File for curves: png, pdf or svg."
-    )
+    add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
+    default = STRETCHES[:2]
+    text = f"Sequences or stretches of them. Default: {' '.join(default)}."
+    add(parser, "frames", "FRAMES", text, default, nargs="*")
+    add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 60.", 60)
+    add(parser, "--only", "NAME...", "Names of the corruptions. Default: all.")
+    add(parser, "--plot", "FILE", "File for curves: png, pdf or svg.", type=figure_file)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Yield a Markdown table; draw the curves."""
-    for name in args.only:
+    names = args.only or list(CORRUPTIONS)
+    for name in names:
         if name not in CORRUPTIONS:
             nearest = registry.nearest(name, CORRUPTIONS)
             raise BadData(f"no corruption is called {name!r}{nearest}")
@@ -85,10 +66,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         for index in range(len(dataset))
     ]
     compared = methods()
-    tasks = [
-        (name, severity) for name in args.only for severity in range(CORRUPTIONS[name].severities)
-    ]
-    gains: dict[str, list[FloatArray]] = {name: [] for name in args.only}
+    tasks = [(name, severity) for name in names for severity in range(CORRUPTIONS[name].severities)]
+    gains: dict[str, list[FloatArray]] = {name: [] for name in names}
     for name, severity in tracked(tasks, len(tasks), progress):
         of_clips = [gains_db(clip, CORRUPTIONS[name], severity, compared) for clip in clips]
         gains[name].append(mean_over_clips(np.array(of_clips)))
