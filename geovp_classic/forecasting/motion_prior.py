@@ -43,6 +43,7 @@ class MotionPrior(PlanarForecaster):
     """
 
     coefficients: Path | None = None  # a file; None: the packaged one
+    num_past_steps: int = 9
     # Faster turns are not in the training poses, and are clipped.
     max_turn_rad_s: float = 1.5
 
@@ -82,8 +83,9 @@ class MotionPrior(PlanarForecaster):
         ahead_s: FloatArray,  # [F]
     ) -> "PathMixture":
         fitted = load(self.coefficients)
-        num_past_steps = len(fitted.centre.mean) // 6
-        twists = past_motion.twists_per_s(past, fitted.step_s, num_past_steps)
+        twists = past_motion.twists_per_s(
+            past, fitted.step_s, self.num_past_steps
+        )
         limit = self.max_turn_rad_s
         twists[:, 3:] = np.clip(twists[:, 3:], -limit, limit)
         return path_mixture(fitted, twists[None], ahead_s)
