@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -198,14 +197,11 @@ class Synthetic:
 
     def _folder(self) -> Path:
         """Return the cache folder for these settings and this version of the code."""
-        settings = dataclasses.asdict(self)
-        del settings["cache"], settings["num_clips"]
-        digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+        settings = dataclasses.replace(self, cache=None, num_clips=1)
+        digest = hashlib.sha256(repr(settings).encode())
         for source in sorted(Path(__file__).parent.glob("*.*")):
             digest.update(source.read_bytes())
-        user_cache = (
-            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-            / "geovp"
-        )
-        root = Path(self.cache or os.environ.get("GEOVP_CACHE") or user_cache)
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        default = os.environ.get("GEOVP_CACHE") or Path(home, "geovp")
+        root = Path(self.cache or default)
         return root / "synthetic" / digest.hexdigest()[:16]

@@ -32,14 +32,6 @@ def joined(parts: list[Solids]) -> Solids:
     return Solids(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-class Cast(NamedTuple):
-    """What rays met."""
-
-    lengths: FloatArray  # [N], in ray directions; inf: nothing
-    solids: IntArray  # [N], -1: none
-    faces: IntArray  # [N], left, right, top, foot, rear, front; 0 of ellipsoids
-
-
 class RayCaster:
     """Solids in a hierarchy of bounding boxes (Kay & Kajiya 1986).
 
@@ -73,23 +65,32 @@ class RayCaster:
             levels.insert(0, np.stack(pair, axis=1))
         self.boxes = np.concatenate(levels)  # [2 * leaves - 1, 2, 3]
 
-    def cast(self, origins: FloatArray, directions: FloatArray) -> Cast:
-        """Return the nearest hits of rays; origins and directions are [N, 3] or [3]."""
+    def cast(
+        self,
+        origins: FloatArray,  # [N, 3] or [3]
+        directions: FloatArray,  # [N, 3] or [3]
+    ) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return the nearest hits of rays.
+
+        These are lengths [N] in ray directions (inf: nothing), solids [N] (-1: none) and faces [N]
+        (left, right, top, foot, rear, front; 0 of ellipsoids).
+        """
         rays = np.broadcast_arrays(origins, directions)
-        hits = _cast(
+        solids = self.solids
+        frames = self.local_from_world
+        return _cast(
             self.boxes,
             self.order,
-            self.local_from_world,
-            self.solids.taper,
-            self.solids.is_round,
+            frames,
+            solids.taper,
+            solids.is_round,
             *map(np.ascontiguousarray, rays),
         )
-        return Cast(*hits)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _cast(boxes, order, frames, taper, is_round, origins, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Search depth first, the nearer child first; skip boxes behind the nearest hit."""
+    """Search depth first; skip boxes behind the nearest hit."""
     stack = np.empty(64, np.int64)  # one node per level of the tree
     lengths = np.full(len(origins), np.inf)
     solids = np.full(len(origins), -1)
@@ -103,37 +104,28 @@ def _cast(boxes, order, frames, taper, is_round, origins, directions):  # type: 
         while count > 0:
             count -= 1
             node = stack[count]
+            to_box = _to_bounds(boxes[node], origins[ray], inverses[ray])
             leaf = node + 1 - len(order)
-            if leaf >= 0:
-                solid = order[leaf]
-                frame = frames[solid]
-                for axis in range(3):
-                    start[axis] = (
-                        _dot(frame[axis], origins[ray]) + frame[axis, 3]
-                    )
-                    step[axis] = _dot(frame[axis], directions[ray])
-                if is_round[solid]:
-                    length, face = _to_ball(start, step)
-                else:
-                    length, face = _to_box(taper[solid], start, step)
-                if length < lengths[ray]:
-                    lengths[ray] = length
-                    solids[ray] = solid
-                    faces[ray] = face
+            if to_box >= lengths[ray]:
                 continue
-            near = 2 * node + 1
-            far = near + 1
-            to_near = _to_bounds(boxes[near], origins[ray], inverses[ray])
-            to_far = _to_bounds(boxes[far], origins[ray], inverses[ray])
-            if to_far < to_near:
-                near, far = far, near
-                to_near, to_far = to_far, to_near
-            if to_far < lengths[ray]:
-                stack[count] = far
-                count += 1
-            if to_near < lengths[ray]:
-                stack[count] = near
-                count += 1
+            if leaf < 0:
+                stack[count] = 2 * node + 1
+                stack[count + 1] = 2 * node + 2
+                count += 2
+                continue
+            solid = order[leaf]
+            for axis in range(3):
+                row = frames[solid, axis]
+                start[axis] = _dot(row, origins[ray]) + row[3]
+                step[axis] = _dot(row, directions[ray])
+            if is_round[solid]:
+                length, face = _to_ball(start, step)
+            else:
+                length, face = _to_box(taper[solid], start, step)
+            if length < lengths[ray]:
+                lengths[ray] = length
+                solids[ray] = solid
+                faces[ray] = face
     return lengths, solids, faces
 
 

@@ -3,6 +3,7 @@
 The objects are described in street.toml.
 """
 
+import itertools
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -120,12 +121,7 @@ def _furniture(
     """Return the objects beside the roads; none overlaps another or reaches over its kerb."""
     objects = []
     occupied = np.empty((0, 3))  # x, z and radius
-    for path, row, side in [
-        (path, row, side)
-        for path in roads.paths
-        for row in ROWS
-        for side in (-1.0, 1.0)
-    ]:
+    for path, row, side in itertools.product(roads.paths, ROWS, (-1.0, 1.0)):
         low_m, high_m = row["step_m"]
         for along_m in np.cumsum(rng.uniform(low_m, high_m, 200)):
             from_kerb_m = rng.uniform(*row["from_kerb_m"])

@@ -116,17 +116,15 @@ def _draw(
 ) -> None:
     """Draw a shape on an image."""
     points = np.reshape(at, (-1, 2))
+    moved = points + shift
     if kind == "ellipse":
-        centre = points[0] + shift
-        pose = (centre.tolist(), points[1].tolist(), 0, 0, 360)
+        centre, radii = moved[0].tolist(), points[1].tolist()
+        pose = (centre, radii, 0, 0, 360)
         cv2.ellipse(image, *pose, colour, width, cv2.LINE_AA)
-        return
-    points += shift
-    if kind == "rectangle":
-        first, second = points.tolist()
-        cv2.rectangle(image, first, second, colour, width)
+    elif kind == "rectangle":
+        cv2.rectangle(image, *moved.tolist(), colour, width)
     else:
-        cv2.polylines(image, [points], False, colour, width, cv2.LINE_AA)
+        cv2.polylines(image, [moved], False, colour, width, cv2.LINE_AA)
 
 
 @functools.lru_cache(maxsize=1)
