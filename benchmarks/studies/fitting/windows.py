@@ -55,12 +55,7 @@ def cut(
     return with_mirrored(np.array(twists)), np.concatenate([states, mirrored])
 
 
-def drivable_steps(
-    trajectory: Trajectory,
-    max_across_m_s: float = 0.25,  # averaged, so that bumps in the road cancel out
-    num_averaged: int = 5,  # steps, half a second
-    max_acceleration_m_s2: float = 5.0,  # ordinary driving stays below 3 to 4
-) -> BoolArray:
+def drivable_steps(trajectory: Trajectory) -> BoolArray:
     """Return which steps [T - 1] between metric poses a car can have driven.
 
     KITTI's ground truth comes from satellite navigation and an inertial unit. Where it is
@@ -81,10 +76,10 @@ def drivable_steps(
 
     # The Cauchy loss tolerates steps that are off by more than 0.1 m/s.
     fit = least_squares(residual, np.zeros(6), loss="cauchy", f_scale=0.1, x_scale="jac")
-    across = uniform_filter1d(residual(fit.x).reshape(-1, 2), num_averaged, axis=0)
+    # Bumps in the road cancel out over half a second; ordinary driving accelerates by 3 to 4 m/s^2.
+    across = uniform_filter1d(residual(fit.x).reshape(-1, 2), 5, axis=0)
     acceleration = np.diff(speed, prepend=speed[:1]) / step_s
-    is_along = np.hypot(*across.T) <= max_across_m_s
-    return is_along & (np.abs(acceleration) <= max_acceleration_m_s2)
+    return (np.hypot(*across.T) <= 0.25) & (np.abs(acceleration) <= 5.0)
 
 
 def augmented(windows: Windows, rng: np.random.Generator) -> Windows:
