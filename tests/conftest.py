@@ -69,7 +69,7 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
         if role == "datasets":
             settings |= {"num_frames": 3, "size_px": [32, 32]}
         if name == "synthetic":
-            settings |= {"num_clips": 1, "cache": str(tmp_path)}
+            settings["num_clips"] = 1
         elif role == "datasets":
             settings["root"] = str(tmp_path)
             if name in ("kitti", "folder"):

@@ -170,7 +170,6 @@ def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
     tables = [registry.describe(dataset) for dataset in datasets]
     for table, dataset in zip(tables, datasets, strict=True):
         table.pop("root", None)
-        table.pop("cache", None)
         if split_hash := getattr(dataset, "split_hash", None):
             table["split_hash"] = split_hash
     return tables

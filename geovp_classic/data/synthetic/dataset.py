@@ -1,17 +1,10 @@
-"""The synthetic data set: clips of drives through synthetic streets, kept on disk."""
+"""The synthetic data set: clips of drives through synthetic streets."""
 
-import dataclasses
-import hashlib
-import os
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from geovp_classic import files
-from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.synthetic import camera
 from geovp_classic.data.synthetic.manoeuvres import Manoeuvre
 from geovp_classic.data.synthetic.rendering import render_drive
@@ -20,14 +13,14 @@ from geovp_classic.data.synthetic.street import build_street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
     Clip,
     ExtraView,
     FloatArray,
     Intrinsics,
     Trajectory,
 )
-
-Arrays = dict[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -61,9 +54,6 @@ class Synthetic:
     gloss: float = 1.0  # scale of the reflections of glass and paint
     blur_px: float = 0.45  # standard deviation of the lens
     finest_detail_m: float = 0.0  # textures are smoothed to this size
-    cache: Path | None = (
-        None  # default: GEOVP_CACHE, else the user's cache folder
-    )
 
     def __post_init__(self) -> None:
         counts = (self.num_clips, self.num_frames, self.stride, *self.size_px)
@@ -77,30 +67,58 @@ class Synthetic:
         return self.num_clips
 
     def __getitem__(self, index: int) -> Clip:
-        """Return a clip from the cache, or render it."""
+        """Render a clip."""
         if not -self.num_clips <= index < self.num_clips:
             raise IndexError(f"synthetic clip {index} of {self.num_clips}")
         index %= self.num_clips
-        arrays = self._load_or_render(index)
-        full_camera = camera.full_camera(self.size_px)
+        seed, manoeuvre, first = self.window(index)
+        street = build_street(seed, manoeuvre)
+        times_s = (first + np.arange(self.num_frames)) / 10.0
+        world_from_cam = camera.world_from_camera(
+            street.ego,
+            times_s,
+            seed,
+            self.pitch_deg,
+            self.roll_deg,
+            self.bounce,
+        )
+        square = camera.square_camera(self.size_px)
+        full = camera.full_camera(self.size_px)
+        optics = Optics(
+            self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m
+        )
+
+        def render(
+            poses: FloatArray, intrinsics: Intrinsics, view: int
+        ) -> tuple[ByteArray, FloatArray, BoolArray]:
+            light, depths, moving = render_drive(
+                street, poses, intrinsics, times_s, optics
+            )
+            rng = np.random.default_rng([self.seed, index, view, 99])
+            frames = camera.expose(
+                light, full.width_px, rng, self.noise, self.exposure_drift
+            )
+            return frames, depths, moving
+
+        images = render(world_from_cam, full if self.with_full else square, 0)
+        left_px = (images[0].shape[2] - square.width_px) // 2
+        crop = np.s_[:, :, left_px : left_px + square.width_px]
         views = {}
         if self.with_full:
-            views["full"] = ExtraView(arrays["full"], full_camera, np.eye(4))
+            views["full"] = ExtraView(images[0], full, np.eye(4))
         if self.with_right:
-            views["right"] = ExtraView(
-                arrays["right"], full_camera, camera.right_from_left()
-            )
-        times_s = arrays["times_s"]
+            right_from_left = camera.right_from_left()
+            poses = world_from_cam @ se3.inverse(right_from_left)
+            right, _, _ = render(poses, full, 1)
+            views["right"] = ExtraView(right, full, right_from_left)
         return Clip(
             name=self.clip_name(index),
-            frames=arrays["frames"],
+            frames=images[0][crop],
             times_s=times_s,
-            intrinsics=camera.square_camera(self.size_px),
-            trajectory=Trajectory(
-                arrays["world_from_cam"], times_s, is_metric=True
-            ),
-            depths=arrays["depths"],
-            moving=arrays["moving"],
+            intrinsics=square,
+            trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
+            depths=images[1][crop],
+            moving=images[2][crop],
             camera_height_m=camera.CAMERA_HEIGHT_M,
             **views,
         )
@@ -121,87 +139,3 @@ class Synthetic:
         """Return the drive (a sequence) and its first frame, as "seed0-left-turn/000"."""
         seed, manoeuvre, first = self.window(index)
         return f"seed{seed}-{manoeuvre.value}/{first:03d}"
-
-    def _load_or_render(self, index: int) -> Arrays:
-        """Return the arrays of a clip from the cache; render them if missing or damaged."""
-        file = self._folder() / f"{index:04d}.npz"
-        try:
-            return files.read_npz(file)
-        except BadData:
-            arrays = self._render(index)
-        try:
-            with atomic_write(file) as scratch, scratch.open("wb") as stream:
-                np.savez(stream, allow_pickle=False, **arrays)
-        except OSError as error:
-            raise BadData(
-                f"synthetic clips cannot be kept in {file.parent} ({error.strerror}): free space "
-                "there or set GEOVP_CACHE to another folder"
-            ) from error
-        return arrays
-
-    def _render(self, index: int) -> Arrays:
-        """Render a clip."""
-        seed, manoeuvre, first = self.window(index)
-        street = build_street(seed, manoeuvre)
-        times_s = (first + np.arange(self.num_frames)) / 10.0
-        square = camera.square_camera(self.size_px)
-        full = camera.full_camera(self.size_px)
-        optics = Optics(
-            self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m
-        )
-
-        def render(
-            world_from_cam: FloatArray, intrinsics: Intrinsics, view: int
-        ) -> Arrays:
-            rendering = render_drive(
-                street, world_from_cam, intrinsics, times_s, optics
-            )
-            rng = np.random.default_rng([self.seed, index, view, 99])
-            frames = camera.expose(
-                rendering.light,
-                full.width_px,
-                rng,
-                self.noise,
-                self.exposure_drift,
-            )
-            return {
-                "frames": frames,
-                "depths": rendering.depths,
-                "moving": rendering.moving,
-            }
-
-        world_from_cam = camera.world_from_camera(
-            street.ego,
-            times_s,
-            seed,
-            self.pitch_deg,
-            self.roll_deg,
-            self.bounce,
-        )
-        images = render(
-            world_from_cam, full if self.with_full else square, view=0
-        )
-        left_px = (images["frames"].shape[2] - square.width_px) // 2
-        crop = np.s_[:, :, left_px : left_px + square.width_px]
-        arrays = {name: image[crop] for name, image in images.items()}
-        arrays["world_from_cam"] = world_from_cam
-        arrays["times_s"] = times_s
-        if self.with_full:
-            arrays["full"] = images["frames"]
-        if self.with_right:
-            left_from_right = se3.inverse(camera.right_from_left())
-            arrays["right"] = render(
-                world_from_cam @ left_from_right, full, view=1
-            )["frames"]
-        return arrays
-
-    def _folder(self) -> Path:
-        """Return the cache folder for these settings and this version of the code."""
-        settings = dataclasses.replace(self, cache=None, num_clips=1)
-        digest = hashlib.sha256(repr(settings).encode())
-        for source in sorted(Path(__file__).parent.glob("*.*")):
-            digest.update(source.read_bytes())
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        default = os.environ.get("GEOVP_CACHE") or Path(home, "geovp")
-        root = Path(self.cache or default)
-        return root / "synthetic" / digest.hexdigest()[:16]

@@ -122,7 +122,8 @@ def _draw(
         pose = (centre, radii, 0, 0, 360)
         cv2.ellipse(image, *pose, colour, width, cv2.LINE_AA)
     elif kind == "rectangle":
-        cv2.rectangle(image, *moved.tolist(), colour, width)
+        first, second = moved.tolist()
+        cv2.rectangle(image, first, second, colour, width)
     else:
         cv2.polylines(image, [moved], False, colour, width, cv2.LINE_AA)
 
