@@ -90,9 +90,8 @@ def exif_focal_px(
             tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
             equivalent_mm = float(tags[ExifTags.Base.FocalLengthIn35mmFilm])
             diagonal_px = float(np.hypot(*image.size))
-    except (
-        Exception
-    ):  # many programs write bad EXIF data, for which Pillow raises many types
+    # many programs write bad EXIF data, for which Pillow raises many types
+    except Exception:
         return None
     is_plausible = 0 < equivalent_mm < 5000
     return (
@@ -144,9 +143,8 @@ def read_projection(
 
 def load_yaml(text: str) -> Mapping[str, Any]:
     """Load the table of a YAML file, that of the first camera in a Kalibr camchain."""
-    table = yaml.safe_load(
-        re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE)
-    )  # OpenCV's
+    # OpenCV's files begin with a line that is not YAML 1.1
+    table = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))
     return dict(table.get("cam0", table))
 
 

@@ -39,9 +39,7 @@ class Colmap(PosedSequences):
         "images.[bt]*",
     )
 
-    rate_hz: float = (
-        10.0  # as KITTI; a model does not say when images were taken
-    )
+    rate_hz: float = 10.0  # as KITTI; a model does not state times
     is_metric: bool = False
 
     def __post_init__(self) -> None:

@@ -43,12 +43,10 @@ class Doctor:
 
     max_speed_m_s: float = 60.0  # 216 km/h; 26 m/s at most in KITTI
     max_turn_deg: float = 20.0  # between two frames; 5 degrees at most in KITTI
-    max_step_ratio: float = (
-        1.8  # a longer time step, in medians, is a dropped frame
-    )
-    max_off_centre_ratio: float = (
-        0.2  # of the principal point, in widths and heights
-    )
+    # a longer time step, in medians, is a dropped frame
+    max_step_ratio: float = 1.8
+    # of the principal point, in widths and heights
+    max_off_centre_ratio: float = 0.2
 
     def examine(
         self,

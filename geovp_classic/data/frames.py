@@ -103,15 +103,12 @@ def _check_image(path: Path, file: BinaryIO) -> Size:
             width_px, height_px = image.size
             if width_px * height_px > MAX_PIXELS:
                 raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
-            if image.format in (
-                "PNG",
-                "WEBP",
-            ):  # with checksums, or complete once opened
+            # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at
+            # an eighth of its size
+            if image.format in ("PNG", "WEBP"):
                 image.verify()
             else:
-                image.draft(
-                    "RGB", (1, 1)
-                )  # a JPEG is decoded at an eighth of its size
+                image.draft("RGB", (1, 1))
                 image.load()
     except Exception as problem:  # Pillow raises many types for damaged bytes
         raise BadData(
@@ -175,9 +172,8 @@ class VideoFrames:
             while self._capture.grab():
                 self._next += 1
             self._count = self._next
-        if (
-            not 0 < self._count <= path.stat().st_size
-        ):  # a frame takes at least a byte
+        # a frame takes at least a byte
+        if not 0 < self._count <= path.stat().st_size:
             raise BadData(
                 f"{path} claims {self._count} frames, which its size cannot hold: restore the file"
             )

@@ -131,6 +131,7 @@ def _read_poses(
                 f"latitude {readings[number, 0]:g}, expected -90 to 90 degrees"
             )
             findings.add(path, message, 1)
+            readings[number] = np.nan
     if (
         num_frames
         and np.isfinite(readings).all()

@@ -19,9 +19,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
-ROTATION_TOLERANCE = (
-    1e-3  # of R R' - I and of a quaternion's length, as text files round them
-)
+# of R R' - I and of a quaternion's length, as text files round them
+ROTATION_TOLERANCE = 1e-3
 
 
 def read_kitti(path: Path, findings: Findings = RAISE) -> FloatArray:

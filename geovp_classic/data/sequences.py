@@ -274,9 +274,8 @@ class SequenceDataset(ABC):
     def recordings(self) -> dict[str, Recording]:
         """Return the sequences in use, by name."""
         load = functools.partial(frames.read_image, bits=self.image_bits)
-        cached = functools.lru_cache(maxsize=2 * self.num_frames)(
-            load
-        )  # clips overlap
+        # clips overlap
+        cached = functools.lru_cache(maxsize=2 * self.num_frames)(load)
         recordings = {}
         for frame_range in self._named_ranges():
             name = frame_range.sequence

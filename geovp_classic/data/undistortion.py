@@ -72,9 +72,8 @@ class DistortedCamera:
         """Project rays [N, 3] to pixels [N, 2]."""
         if not any(self.distortion):
             return pinhole.project(rays, self.pinhole)[0]
-        from geovp_classic.colmap_library import (
-            pycolmap,
-        )  # not needed to train on KITTI
+        # imported here, because training on KITTI does not need it
+        from geovp_classic.colmap_library import pycolmap
 
         camera = pycolmap.Camera(model=self.model)
         view = self.pinhole

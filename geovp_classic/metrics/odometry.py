@@ -27,9 +27,8 @@ ALIGNMENTS: tuple[Alignment, ...] = get_args(Alignment)
 class Drift:
     """Mean drift over all segments (KITTI odometry development kit, evaluate_odometry)."""
 
-    translation_percent: (
-        float  # t_rel; NaN if the trajectory is too short for any segment
-    )
+    # t_rel; NaN if the trajectory is too short for any segment
+    translation_percent: float
     rotation_deg_per_100m: float  # r_rel
     num_segments: int
 

@@ -68,9 +68,8 @@ class Clip(ShortRepr):
     times_s: FloatArray  # [T]
     intrinsics: Intrinsics
     trajectory: Trajectory | None = None  # [T]
-    depths: FloatArray | None = (
-        None  # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
-    )
+    # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
+    depths: FloatArray | None = None
     moving: BoolArray | None = None  # [T, H, W]; True on dynamic objects
     full: ExtraView | None = None  # [T]
     right: ExtraView | None = None  # [T]
@@ -137,23 +136,19 @@ class Context(ShortRepr):
     intrinsics: Intrinsics
     past: Trajectory | None = None  # [P], PrivilegedInput.PAST_POSES
     future: Trajectory | None = None  # [F], PrivilegedInput.FUTURE_POSES
-    past_depths: FloatArray | None = (
-        None  # [P, H, W], PrivilegedInput.PAST_DEPTHS
-    )
+    # [P, H, W], PrivilegedInput.PAST_DEPTHS
+    past_depths: FloatArray | None = None
     camera_height_m: float | None = None  # PrivilegedInput.CAMERA_HEIGHT
     full: ExtraView | None = None  # [P], PrivilegedInput.FULL_FRAMES
     right: ExtraView | None = None  # [P], PrivilegedInput.RIGHT_FRAMES
-    future_frames: ByteArray | None = (
-        None  # [F, H, W, 3], PrivilegedInput.FUTURE_FRAMES
-    )
-    future_full: ExtraView | None = (
-        None  # [F], PrivilegedInput.FUTURE_FRAMES with FULL_FRAMES
-    )
+    # [F, H, W, 3], PrivilegedInput.FUTURE_FRAMES
+    future_frames: ByteArray | None = None
+    # [F], PrivilegedInput.FUTURE_FRAMES with FULL_FRAMES
+    future_full: ExtraView | None = None
     name: str = ""  # of the clip, by which recorded predictions are found
     observations: Observations | None = None  # [P], of the frames
-    full_observations: Observations | None = (
-        None  # [P], PrivilegedInput.FULL_FRAMES
-    )
+    # [P], PrivilegedInput.FULL_FRAMES
+    full_observations: Observations | None = None
 
     def __post_init__(self) -> None:
         store_checked(

@@ -77,12 +77,10 @@ class Trajectory(ShortRepr):
 
     world_from_cam: FloatArray  # [T, 4, 4]
     times_s: FloatArray  # [T], increasing
-    is_metric: (
-        bool  # True: lengths are metres; False: an unknown but constant unit
-    )
-    scale_uncertainty: float | None = (
-        None  # relative standard deviation of estimated metres
-    )
+    # True: lengths are metres; False: an unknown but constant unit
+    is_metric: bool
+    # relative standard deviation of estimated metres
+    scale_uncertainty: float | None = None
 
     def __post_init__(self) -> None:
         store_rigid(self, "world_from_cam", 3)
@@ -124,9 +122,8 @@ class Motion(ShortRepr):
 
     past: Trajectory  # [P]
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
-    tracked: (
-        BoolArray  # [P]; False for a pose that was bridged instead of measured
-    )
+    # [P]; False for a pose that was bridged instead of measured
+    tracked: BoolArray
 
     def __post_init__(self) -> None:
         store_rigid(self, "futures", 4)

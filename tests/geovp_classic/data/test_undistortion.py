@@ -1,8 +1,8 @@
 """Undistorted images show a point where a pinhole camera sees it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -50,24 +50,12 @@ def equidistant(
     return x * stretch, y * stretch
 
 
-@dataclass(frozen=True)
-class Images:
-    """A frame in memory."""
-
-    frame: np.ndarray
-
-    def __len__(self) -> int:
-        return 1
-
-    def read(self, index: int) -> np.ndarray:
-        return self.frame
-
-
 def undistorted(
     image: np.ndarray, camera: DistortedCamera, view: Intrinsics, *interpolation: int
 ) -> np.ndarray:
     """Return the image of the pinhole camera `view`."""
-    return UndistortedFrames(Images(image), (camera,), view, *interpolation).read(0)
+    frames = SimpleNamespace(read=lambda _: image)
+    return UndistortedFrames(frames, (camera,), view, *interpolation).read(0)
 
 
 def spot(u: float, v: float) -> np.ndarray:
