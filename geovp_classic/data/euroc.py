@@ -53,22 +53,24 @@ class Euroc(PosedSequences):
         )
         start_ns = stamps_ns[0] if images else 0.0
         times_s = (stamps_ns - start_ns) / 1e9
-        path = cam / "sensor.yaml"
-        with findings.catch(path):
-            lens, body_from_cam = read_sensor(path)
-            poses = None
-            for name in ("state_groundtruth_estimate0", "mocap0"):
-                truth = mav0 / name / "data.csv"
-                if poses is None and truth.exists():
-                    pose_times_s, poses = pose_files.read_asl(
-                        truth, start_ns, findings
-                    )
-                    poses = nearest_poses(
-                        times_s, pose_times_s, poses, self.max_difference_s
-                    )
-                    poses = poses @ body_from_cam
-            return Scan(images, times_s, (lens,) * len(images), poses)
-        return Scan(images, times_s)
+        sensor = cam / "sensor.yaml"
+        cameras: tuple[DistortedCamera, ...] = ()
+        body_from_cam: FloatArray = np.eye(4)
+        with findings.catch(sensor):
+            camera, body_from_cam = read_sensor(sensor)
+            cameras = (camera,) * len(images)
+        poses = None
+        truths = [
+            mav0 / name / "data.csv"
+            for name in ("state_groundtruth_estimate0", "mocap0")
+        ]
+        for path in list(filter(Path.exists, truths))[:1]:
+            pose_times_s, poses = pose_files.read_asl(path, start_ns, findings)
+            poses = nearest_poses(
+                times_s, pose_times_s, poses, self.max_difference_s
+            )
+            poses = poses @ body_from_cam
+        return Scan(images, times_s, cameras, poses)
 
 
 def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:

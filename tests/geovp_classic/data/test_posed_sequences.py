@@ -219,7 +219,7 @@ def test_damaged_files_of_euroc_are_named(
     with pytest.raises(BadData, match=r"mav0/cam1: does not exist: mav0 has cam0"):
         Euroc(tmp_path, camera=1, **CUT)
     for file, line, text, message in (
-        ("state_groundtruth_estimate0/data.csv", 3, "14036,1,2,3", "line 3: 4 numbers, expected"),
+        ("state_groundtruth_estimate0/data.csv", 3, "1,2,3", "^[^:]*0/data.csv line 3: 3 numbers"),
         ("cam0/sensor.yaml", 2, "T_SB:", "expected .* T_BS of 16 numbers that is a rigid motion"),
         ("cam0/data.csv", 4, "soon,14036.png", r"cam0/data\.csv line 4: 'soon'"),
     ):
