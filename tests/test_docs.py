@@ -253,6 +253,8 @@ def test_shell_line(
     write_kitti_raw: Callable[..., Path],
     tmp_path: Path,
 ) -> None:
+    if words[0].startswith("PYTHONPATH="):
+        monkeypatch.syspath_prepend(ROOT / words.pop(0).removeprefix("PYTHONPATH="))
     program, *args = words
     if program == "geovp":
         monkeypatch.chdir(results)

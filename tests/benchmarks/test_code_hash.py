@@ -97,7 +97,7 @@ class TestRuns:
         edit("after")
         ended = command(*order)
         assert ended.code == 0
-        assert "geovp: 1 of 1 methods hold scores of another version of the code" in ended.err
+        assert "geovp: 1 of 1 methods have scores of another version of the code" in ended.err
         assert "another version" not in command(*order, "--fresh").err
 
 
