@@ -70,6 +70,8 @@ class Observer:
     mask: Path | None = None
     # Of the height and the width that the mask must leave free.
     min_scene_fraction: float = 0.25
+    # Resolution of uncropped frames over that of the crop.
+    max_full_scale: float = 1.5
 
     def observe(self, context: Context) -> Observed:
         """Return the context reduced to the scene, with observations of its streams.
@@ -212,11 +214,15 @@ class Observer:
     def _full_observations(
         self, full: ExtraView, crop: Intrinsics, is_usable: BoolArray
     ) -> Observations:
-        """Return uncropped frames at the resolution of the crop."""
+        """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
-        width_px = round(native.width_px * crop.fx_px / native.fx_px)
-        height_px = round(native.height_px * crop.fy_px / native.fy_px)
-        width_px, height_px = max(1, width_px), max(1, height_px)
+        scale = np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale)
+        width_px = max(
+            1, round(native.width_px * scale * crop.fx_px / native.fx_px)
+        )
+        height_px = max(
+            1, round(native.height_px * scale * crop.fy_px / native.fy_px)
+        )
         frames = np.stack(
             [
                 pinhole.resize(frame, (width_px, height_px))

@@ -37,15 +37,19 @@ def uncropped(context: Context) -> Observations:
     return stream(context, "full")
 
 
-@pytest.mark.parametrize("side_px", [80, 64, 40, 20, 160])
-def test_uncropped_frames_have_the_resolution_of_the_crop(side_px: int) -> None:
+@pytest.mark.parametrize(
+    ("side_px", "height_px"), [(80, 80), (64, 80), (40, 60), (20, 30), (160, 160)]
+)
+def test_pixels_are_finer_than_the_square_s_where_there_are_such(
+    side_px: int, height_px: int
+) -> None:
     context = noise_context(side_px)
     whole = uncropped(context)
-    assert whole.frames.shape == (2, side_px, side_px * 200 // 80, 3)
+    assert whole.frames.shape == (2, height_px, height_px * 200 // 80, 3)
     edge = pinhole.project(
         pinhole.unproject(np.array([-0.5, -0.5]), 1.0, context.intrinsics), whole.intrinsics
     )[0]
-    first = (whole.frames.shape[2] - side_px) / 2 - 0.5, -0.5  # the square lies in the middle
+    first = (whole.frames.shape[2] - height_px) / 2 - 0.5, -0.5  # the square lies in the middle
     np.testing.assert_allclose(edge, first, atol=1e-9)
 
 
@@ -113,5 +117,5 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
 
 
 def test_sizes_between_pixels_are_rounded() -> None:
-    # a square of 33 pixels for 80: 200 * 33 / 80 = 82.5, which is rounded to even
-    assert uncropped(noise_context(33)).frames.shape == (2, 33, 82, 3)
+    # a square of 33 pixels for 80: one and a half times as fine is 200 * 49.5 / 80 = 123.75 by 49.5
+    assert uncropped(noise_context(33)).frames.shape == (2, 50, 124, 3)
