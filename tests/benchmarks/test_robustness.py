@@ -130,9 +130,7 @@ def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
     assert ended.returncode == 2
     assert "Traceback" not in ended.stderr
     assert "File too large" in ended.stderr
-    assert (
-        "make room and rerun, finished work is kept" in ended.stderr
-    )
+    assert "make room and rerun, finished work is kept" in ended.stderr
     assert (
         subprocess.run([*command, "--no-report"], capture_output=True, check=False).returncode == 0
     )
