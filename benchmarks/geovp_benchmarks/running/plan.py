@@ -181,6 +181,8 @@ def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
 
 
 def spread(clips: Sequence[str], count: int) -> frozenset[str]:
-    """Return `count` clips, evenly spread from the first to the last."""
+    """Return `count` clips, evenly spread from the first to the last; the middle one of one."""
+    if count == 1:
+        return frozenset([clips[len(clips) // 2]])
     indices = np.linspace(0, len(clips) - 1, min(count, len(clips))).round().astype(int)
     return frozenset(clips[index] for index in indices)
