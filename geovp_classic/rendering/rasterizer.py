@@ -12,8 +12,11 @@ import numpy.typing as npt
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
+Vector = tuple[np.float32, np.float32, np.float32]
 
 NO_INDEX = -1
+# Of s and t; the tolerance lets shared edges leave no crack.
+MAX_S = np.float32(1.0001)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -31,12 +34,8 @@ def rasterise_view(
 
     A slope that would lead beyond infinity is made flatter.
     """
-    min_z = np.float32(
-        1e-3
-    )  # of a ray's length; patches nearer to the camera are not rasterised
-    max_s = np.float32(
-        1.0001
-    )  # a tolerance, so that shared edges leave no crack
+    # Of a ray's length; patches nearer to the camera are not rasterised.
+    min_z = np.float32(1e-3)
     height, width = z_buffer.shape
     for n in range(len(source)):
         k = source[n]
@@ -71,47 +70,76 @@ def rasterise_view(
         e_y = y_v * half_px + y_q * q_e - y * e_z
 
         # Most patches of uncropped frames lie outside the view.
-        radius_x = max_s * (abs(d_x) + abs(e_x)) / nearest_z
-        radius_y = max_s * (abs(d_y) + abs(e_y)) / nearest_z
+        radius_x = MAX_S * (abs(d_x) + abs(e_x)) / nearest_z
+        radius_y = MAX_S * (abs(d_y) + abs(e_y)) / nearest_z
         is_outside_x = x + radius_x < 0 or x - radius_x > width - 1
         if is_outside_x or y + radius_y < 0 or y - radius_y > height - 1:
             continue
 
-        left = right = top = bottom = np.float32(0)
-        for corner in range(4):
-            s = np.float32(1 - 2 * (corner % 2))
-            t = np.float32(1 - 2 * (corner // 2))
-            scale = max_s / (z + s * d_z + t * e_z)
-            corner_x = scale * (s * d_x + t * e_x)
-            corner_y = scale * (s * d_y + t * e_y)
-            left = min(left, corner_x)
-            right = max(right, corner_x)
-            top = min(top, corner_y)
-            bottom = max(bottom, corner_y)
-        first_column = int(max(np.ceil(x + left), 0))
-        last_column = int(min(np.floor(x + right), width - 1))
-        first_row = int(max(np.ceil(y + top), 0))
-        last_row = int(min(np.floor(y + bottom), height - 1))
+        d = (d_x, d_y, d_z)
+        e = (e_x, e_y, e_z)
+        _draw_patch(n, (x, y, z), d, e, (q, q_d, q_e), z_buffer, winner)
 
-        # The cross product of d and e.
-        normal_x = d_y * e_z - d_z * e_y
-        normal_y = d_z * e_x - d_x * e_z
-        normal_z = d_x * e_y - d_y * e_x
-        # On a plane, inverse depth is linear in the pixels of the view.
-        value_1 = q / z
-        per_normal = 1 / (z * normal_z)
-        value_x = per_normal * (q * normal_x + z * (q_d * e_y - q_e * d_y))
-        value_y = per_normal * (q * normal_y + z * (q_e * d_x - q_d * e_x))
-        max_s_per_z = max_s / z
-        for row in range(first_row, last_row + 1):
-            for column in range(first_column, last_column + 1):
-                i = np.float32(column) - x
-                j = np.float32(row) - y
-                scale = normal_x * i + normal_y * j + normal_z
-                limit = max_s_per_z * abs(scale)
-                is_inside_s = abs(e_y * i - e_x * j) <= limit
-                if is_inside_s and abs(d_x * j - d_y * i) <= limit:
-                    value = value_1 + value_x * i + value_y * j
-                    if value > z_buffer[row, column]:
-                        z_buffer[row, column] = value
-                        winner[row, column] = n
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _draw_patch(
+    number: int,
+    middle: Vector,  # pixel (x, y) and z
+    d: Vector,  # steps to the middles of the sides, relative to the middle's pixel
+    e: Vector,
+    inverse_depth: Vector,  # of the middle, and its changes along d and e
+    z_buffer: FloatArray,  # [H, W]; written
+    winner: IndexArray,  # [H, W]; written
+) -> None:
+    """Write a patch to the pixels in which it is nearer than all before it."""
+    height, width = z_buffer.shape
+    x, y, z = middle
+    q, q_d, q_e = inverse_depth
+    left, right = _extent(d[0], e[0], z, d[2], e[2])
+    top, bottom = _extent(d[1], e[1], z, d[2], e[2])
+    first_column = int(max(np.ceil(x + left), 0))
+    last_column = int(min(np.floor(x + right), width - 1))
+    first_row = int(max(np.ceil(y + top), 0))
+    last_row = int(min(np.floor(y + bottom), height - 1))
+
+    # The cross product of d and e.
+    normal_x = d[1] * e[2] - d[2] * e[1]
+    normal_y = d[2] * e[0] - d[0] * e[2]
+    normal_z = d[0] * e[1] - d[1] * e[0]
+    # On a plane, inverse depth is linear in the pixels of the view.
+    q_middle = q / z
+    per_normal = 1 / (z * normal_z)
+    q_x = per_normal * (q * normal_x + z * (q_d * e[1] - q_e * d[1]))
+    q_y = per_normal * (q * normal_y + z * (q_e * d[0] - q_d * e[0]))
+    max_s_per_z = MAX_S / z
+    for row in range(first_row, last_row + 1):
+        for column in range(first_column, last_column + 1):
+            i = np.float32(column) - x
+            j = np.float32(row) - y
+            scale = normal_x * i + normal_y * j + normal_z
+            limit = max_s_per_z * abs(scale)
+            is_inside_s = abs(e[1] * i - e[0] * j) <= limit
+            if is_inside_s and abs(d[0] * j - d[1] * i) <= limit:
+                value = q_middle + q_x * i + q_y * j
+                if value > z_buffer[row, column]:
+                    z_buffer[row, column] = value
+                    winner[row, column] = number
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _extent(
+    d: np.float32,
+    e: np.float32,
+    z: np.float32,
+    d_z: np.float32,
+    e_z: np.float32,
+) -> tuple[np.float32, np.float32]:
+    """Return how far the corners reach below and above the middle along one axis, in pixels."""
+    low = high = np.float32(0)
+    for corner in range(4):
+        s = np.float32(1 - 2 * (corner % 2))
+        t = np.float32(1 - 2 * (corner // 2))
+        position = MAX_S * (s * d + t * e) / (z + s * d_z + t * e_z)
+        low = min(low, position)
+        high = max(high, position)
+    return low, high
