@@ -85,12 +85,14 @@ class Headline:
         key = self.column.key
         difference = method.scores[key].values - rival.scores[key].values
         gain = Score.of(difference, self.clips, UNBOUNDED)
-        verdict = "significant" if gain.low > 0 or gain.high < 0 else "not significant"
+        is_significant = gain.low > 0 or gain.high < 0
+        verdict = f"a difference that is {'' if is_significant else 'not '}significant"
         if gain.has_few_clips:
-            verdict += f" (and {gain.effective_clips:.0f} effective clips are too few to rely on)"
+            clips = f"{gain.effective_clips:.0f} effective clips"
+            verdict = f"which is not tested: {clips} are too few"
         return (
             f"Compared with {baseline}, {method.label} changes {self.metric} by "
-            f"{self._text(gain, '+')}, a difference that is {verdict}."
+            f"{self._text(gain, '+')}, {verdict}."
         )
 
     def _text(self, score: Score, sign: str = "") -> str:
