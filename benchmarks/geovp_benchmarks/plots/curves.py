@@ -1,7 +1,7 @@
 """Curves over the horizon or over samples, one line per method, with 95 % intervals."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -49,6 +49,10 @@ class Curve:
     def steps(self) -> FloatArray:
         """Return the steps [F], 1..F."""
         return np.arange(1.0, len(self.mean) + 1)
+
+    def without_intervals(self) -> Self:
+        """Return the curve of the means alone."""
+        return replace(self, low=self.mean, high=self.mean, has_intervals=False)
 
     def equals(self, other: "Curve") -> bool:
         """Return whether the two lines would cover each other."""

@@ -124,7 +124,12 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
 def _limited(
     shown: list[curves.Curve], material: Material, metric: str, layout: style.Layout
 ) -> list[curves.Curve]:
-    """Return the best curves, at most as many as can be told apart, in their order."""
+    """Return the best curves, at most as many as can be told apart, in their order.
+
+    Many curves have no intervals.
+    """
+    if len(shown) > layout.max_intervals:
+        shown = [curve.without_intervals() for curve in shown]
     if len(shown) <= layout.max_lines:
         return shown
     facts = material.protocol["metrics"][metric.partition("@")[0]]

@@ -89,6 +89,7 @@ class Layout:
     width_in: float | None = None  # of the file; None: the width of each kind of figure
     with_title: bool = True
     max_lines: int = 12  # more cannot be told apart
+    max_intervals: int = 6  # with more lines, no intervals are drawn: they would cover the lines
     letters_per_in: float = 20.0  # of the sans-serif font at 7.5 points
 
     def single_axes(self, default_in: tuple[float, float], heading: Heading) -> tuple[Figure, Axes]:

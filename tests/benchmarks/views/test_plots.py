@@ -160,6 +160,18 @@ class TestCurves:
             assert whole.x0 <= box.x0 < box.x1 <= whole.x1
             assert whole.y0 <= box.y0 < box.y1 <= figure.axes[0].get_window_extent().y0
 
+    def test_many_lines_have_no_intervals(self, folder: Path) -> None:
+        layout = style.Layout(max_intervals=4)  # for five lines
+        (page,) = (
+            page
+            for page in plots.figures(Results(folder), layout=layout)
+            if page.name == "horizon-psnr"
+        )
+        axes = page.figure.axes[0]
+        assert len(axes.collections) == 0
+        np.testing.assert_allclose(axes.lines[0].get_ydata(), 21.0 - np.arange(1, 7))
+        assert "intervals" not in texts(page.figure)
+
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
         """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best
         2 dB.
