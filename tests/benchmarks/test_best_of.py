@@ -39,7 +39,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     }
     own = Results(tmp_path_factory.mktemp("best") / "of")
     methods = run(
-        matrices.parse("m", content), own, Options(keep=0), Serial(), lambda done, total: None
+        matrices.parse("m", content), own, Options(keep="0"), Serial(), lambda done, total: None
     )
     assert [method.status for method in methods] == ["done", "done"]
     return own

@@ -37,7 +37,7 @@ def run(root: Path, threads: int, executor: Executor) -> Results:
     cv2.setNumThreads(threads)
     try:
         with threadpool_limits(threads):
-            (method,) = go(root, MATRIX, executor, keep=None).values()
+            (method,) = go(root, MATRIX, executor, keep="all").values()
     finally:
         numba.set_num_threads(before[0])
         cv2.setNumThreads(before[1])

@@ -98,7 +98,7 @@ def test_methods_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("toys")
 def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
-    go(tmp_path / "all", content(predictors=STILL), keep=3)  # of five clips
+    go(tmp_path / "all", content(predictors=STILL), keep="3")  # of five clips
     before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
     (rescored,) = rescore(before, after, stored_metrics(before), lambda done, total: None)
     assert rescored.record["protocol_id"] == after.protocol()["id"] == protocol_id(after.protocol())

@@ -16,9 +16,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running import locking
-from geovp_classic.errors import BadData
-from tests.benchmarks.conftest import Says
+from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import rows, write_images, write_matrix
 
 PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 3}
@@ -145,48 +143,56 @@ def _small_files() -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from geovp_benchmarks.running import locking
-with locking.results_lock(Path(sys.argv[1]), "one protocol"):
+from filelock import FileLock
+with FileLock(Path(sys.argv[1], ".lock")):
     print("held", flush=True)
-    time.sleep(60)
+    time.sleep(float(sys.argv[2]))
 """
 
 
-def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
-    other = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        with locking.results_lock(tmp_path, "one protocol"):
-            pass  # joins
-        with (
-            pytest.raises(
-                BadData, match=rf"in use by process {other.pid} on .* with another protocol"
-            ),
-            locking.results_lock(tmp_path, "another"),
-        ):
-            pytest.fail("two protocols fill a folder")
-    finally:
+def hold(root: Path, seconds: float) -> subprocess.Popen[str]:
+    """Start a process that holds the lock of a results folder, as a run does."""
+    command = [sys.executable, "-c", HOLD, str(root), str(seconds)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def test_a_folder_is_filled_by_one_protocol_at_a_time(
+    street: Path, printed: Says, refused: Says
+) -> None:
+    out = street.parent / "out"
+    printed(*run(street))
+    before = rows(out, "copy-last")
+    with hold(out, 60) as other:
+        said = refused(*run(street), "--set", "protocol.num_past=2")
+        assert "in use by a run with another protocol" in said
         other.kill()
-        other.wait()
-    with locking.results_lock(tmp_path, "another"):
-        pass  # the lock ended with its process
+    printed(*run(street), "--set", "protocol.num_past=2")  # the lock ended with its process
+    printed(*run(street))
+    assert rows(out, "copy-last") == before
 
 
-def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
-    left = tmp_path / f"method/scores/.part-00004.parquet.{ended.pid}.part"
-    living = tmp_path / "method/.method.json.1.part"
-    for path in (left, living):
+def test_a_second_run_of_a_protocol_waits_for_the_first(
+    street: Path, command: Command, printed: Says
+) -> None:
+    printed(*run(street))
+    with hold(street.parent / "out", 0.5) as other:
+        ended = command(*run(street))
+        assert ended.code == 0
+        assert "waiting for another run in" in ended.err
+        assert other.wait() == 0
+
+
+def test_scratch_files_of_killed_runs_are_removed(street: Path, printed: Says) -> None:
+    out = street.parent / "out"
+    left = [out / "copy-last/scores/.a.1.part", out / "clips/.b.1.part"]
+    for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"half")
-    (tmp_path / f".folder.{ended.pid}.part").mkdir()
-    with locking.results_lock(tmp_path, "a protocol"):
-        pass
-    assert sorted(path.name for path in tmp_path.rglob(".*.part")) == [living.name]
+    printed(*run(street))
+    assert not any(path.exists() for path in left)
 
 
 def test_what_was_damaged_is_named_set_aside_and_computed_again(

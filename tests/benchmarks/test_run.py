@@ -118,7 +118,7 @@ class TestRows:
         kept = results.prediction("b--q", "road/004")
         assert (kept.frames == 42).all()
         assert kept.motion is not None
-        go(tmp_path, tables, keep=None)
+        go(tmp_path, tables, keep="all")
         assert len(results.predictions("a--r")) == 9
 
 
@@ -187,9 +187,9 @@ class TestAgain:
             names = property(lambda built: built.dataset.clip_names[1:])
             patched.setattr(BuiltMatrix, "clip_names", names)
             patched.setattr(BuiltMatrix, "clip", lambda built, i, name: built.dataset[i + 1])
-            go(tmp_path, tables, keep=0)
+            go(tmp_path, tables, keep="0")
         assert len(rows(tmp_path, "still")) == 4 * 2
-        go(tmp_path, tables, keep=0)
+        go(tmp_path, tables, keep="0")
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
         assert [row["clip"] for row in rows(tmp_path, "still")][::2] == [
             f"road/00{index}" for index in range(5)
@@ -199,11 +199,11 @@ class TestAgain:
     def test_a_lost_file_is_made_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        go(tmp_path, tables, keep=0)
+        go(tmp_path, tables, keep="0")
         before = rows(tmp_path, "still")
         (file,) = (tmp_path / "still/scores").glob("part-*.parquet")  # merged
         file.unlink()
-        go(tmp_path, tables, keep=0)
+        go(tmp_path, tables, keep="0")
         assert rows(tmp_path, "still") == before
         assert len(log.read_text().split()) == 5 + 5
 
@@ -261,7 +261,7 @@ class TestFailures:
         tables = content(
             {"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}}
         )
-        method = go(tmp_path, tables, keep=0)["broken"]
+        method = go(tmp_path, tables, keep="0")["broken"]
         assert (method.status, method.num_clips, method.num_failed) == ("done", 5, 2)
         assert "the road ended" in method.record["traceback"]
         reason = "ZeroDivisionError: the road ended"
@@ -269,7 +269,7 @@ class TestFailures:
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
         assert copied == [1.0, 2.0]  # the road gets brighter by one a frame
         tried = len(log.read_text().split())
-        go(tmp_path, tables, keep=0)  # failed clips only: 3 and 4
+        go(tmp_path, tables, keep="0")  # failed clips only: 3 and 4
         assert len(log.read_text().split()) == tried + 2
 
     def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(

@@ -10,16 +10,14 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.selection import Ranking, Selection
+from geovp_benchmarks.running.selection import Selection, rank
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_matrix, write_protocol, write_row
 
 PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
 ERROR = {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None}
-CLIPS = [
-    f"03/{first:06d}" for first in range(0, 40, 5)
-]  # of five frames, and then each overlaps with none
+CLIPS = [f"03/{first:06d}" for first in range(0, 40, 5)]  # of five frames: none overlap
 
 
 def fill(
@@ -36,6 +34,7 @@ def fill(
         metrics={"psnr": PSNR, "error": ERROR},
         num_past=num_past,
         num_future=2,
+        stride=5,
     )
     for name, scores in rows.items():
         lines = [
@@ -68,50 +67,41 @@ def numbers(selection: Selection) -> list[int]:
 @pytest.mark.parametrize(
     ("ranking", "expected"),
     [
-        (
-            Ranking("worst", "psnr"),
-            [1, 3, 6],
-        ),  # 11, 12 and 17 dB of the first complete row that has a pose source
-        (Ranking("best", "psnr"), [5, 2, 0]),
-        (
-            Ranking("median", "psnr"),
-            [4, 6, 0],
-        ),  # of 11 12 17 18 20 25 30: 18, and those 1 and 2 dB from it
-        (Ranking("worst", "error"), [5, 2, 0]),  # an error is worst where it is largest
-        (Ranking("worst", "psnr", "copy"), [7, 6, 5]),
-        (Ranking("best", "psnr", "a--r"), [5, 2, 0]),
+        ("worst:psnr", [1, 3, 6]),  # 11, 12 and 17 dB of the first complete row with a pose source
+        ("best:psnr", [5, 2, 0]),
+        ("median:psnr", [4, 6, 0]),  # of 11 12 17 18 20 25 30: 18, and those 1 and 2 dB from it
+        ("worst:error", [5, 2, 0]),  # an error is worst where it is largest
+        ("worst:psnr:copy", [7, 6, 5]),
+        ("best:psnr:a--r", [5, 2, 0]),
     ],
 )
 def test_clips_are_chosen_by_their_scores(
-    tmp_path: Path, ranking: Ranking, expected: list[int]
+    tmp_path: Path, ranking: str, expected: list[int]
 ) -> None:
-    assert numbers(ranking.choose(fill(tmp_path, SCORES_OF, KINDS))) == expected
+    assert numbers(rank(ranking, fill(tmp_path, SCORES_OF, KINDS))) == expected
 
 
-def test_clips_that_share_frames_are_one_example(tmp_path: Path) -> None:
-    # clips of 4 + 2 frames, five apart: neighbours share one frame. In ascending order 1, 3, 6 and
-    # 4 are the worst
+@pytest.mark.parametrize(
+    ("num_past", "expected"),
+    [
+        (4, [1, 3, 6]),  # of 4 + 2 frames, five apart: neighbours share one frame
+        (3, [1, 2, 3]),
+        (38, [1, 2, 3]),  # all share some: better three that do than one
+    ],
+)
+def test_clips_that_share_frames_are_one_example(
+    tmp_path: Path, num_past: int, expected: list[int]
+) -> None:
     crowded = {"a--r": [20.0, 11.0, 12.0, 13.0, 18.0, 30.0, 17.0, 40.0]}
-    assert numbers(
-        Ranking("worst", "psnr").choose(fill(tmp_path / "a", crowded, KINDS, num_past=4))
-    ) == [1, 3, 6]
-    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "b", crowded, KINDS))) == [
-        1,
-        2,
-        3,
-    ]
-    # with 38 + 2 frames all share some: better three that do than one
-    assert numbers(
-        Ranking("worst", "psnr").choose(fill(tmp_path / "c", crowded, KINDS, num_past=38))
-    ) == [1, 2, 3]
+    assert numbers(rank("worst:psnr", fill(tmp_path, crowded, KINDS, num_past))) == expected
 
 
 def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
     results = fill(tmp_path, {"half--r": [1.0]}, KINDS)
     with pytest.raises(BadData, match="--keep: no method is complete with psnr"):
-        Ranking("worst", "psnr").choose(results)
+        rank("worst:psnr", results)
     with pytest.raises(BadData, match="the method 'half--r' is not complete with psnr"):
-        Ranking("worst", "psnr", "half--r").choose(results)
+        rank("worst:psnr:half--r", results)
 
 
 @pytest.fixture

@@ -160,7 +160,7 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
 
 @pytest.mark.usefixtures("toys")
 def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) -> None:
-    go(tmp_path / "out", content({"clips": 3, "with_depths": True}, predictors=STILL), keep=1)
+    go(tmp_path / "out", content({"clips": 3, "with_depths": True}, predictors=STILL), keep="1")
     stored = Results(tmp_path / "out").clip_facts()
     assert list(stored) == ["road/000", "road/001", "road/002"]
     facts = dict(stored["road/001"])  # 1 m in .1 s, straight on; a wall that moves along

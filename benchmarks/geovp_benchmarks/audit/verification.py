@@ -1,7 +1,6 @@
 """Verification of a results folder: recompute some stored scores, and compare."""
 
 import math
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.store import Method, Part, Results, Rows
-from geovp_benchmarks.running.task import Task, build_matrix, compute
+from geovp_benchmarks.running.task import Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
@@ -175,17 +174,14 @@ def _matrix(results: Results, root: Path | None, pair: Pair | None = None) -> Ma
 
 def _recompute(pair: Pair, matrix: Matrix) -> Scores:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
-    name = pair.method.name
     index = pair.results.protocol()["clips"].index(pair.clip)
-    with tempfile.TemporaryDirectory() as folder:
-        results = Results(Path(folder))
-        results.write_method(name, pair.method.record)
-        fingerprints = {matrix.methods[0]: pair.method.fingerprint}
-        compute(Task(matrix.to_json(), folder, index, pair.clip, fingerprints))
-        failures = results.failures(name)
-        if failures and pair.clip not in pair.part.failures:
-            raise GeovpError(failures[pair.clip])
-        return _scores(results.scores(name))
+    fingerprints = {matrix.methods[0]: pair.method.fingerprint}
+    task = Task(matrix.to_json(), pair.results.root, index, pair.clip, fingerprints)
+    [(_, rows, part)] = score_clip(task)
+    for clip, (_, reason, _) in part.failures.items():
+        if clip not in pair.part.failures:
+            raise GeovpError(reason)
+    return _scores(rows)
 
 
 def _scores(rows: Rows) -> Scores:

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         for label, matrix in matrices.items():
             workers = args.workers.get("workers", 1)
             with progress_bar(matrix.name, "predictions") as progress:
-                options = options_of(args, matrix)
+                options = options_of(args)
                 plan = dry_run(matrix, Results(root / label), options, workers, progress)
             print(*plan, sep="\n")
         return 0
@@ -80,7 +80,7 @@ def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[
     archived = results.set_aside()
     executor = registry.build("executors", args.workers)
     with progress_bar(matrix.name, "predictions") as progress:
-        methods = run.run(matrix, results, options_of(args, matrix), executor, progress)
+        methods = run.run(matrix, results, options_of(args), executor, progress)
     if results.set_aside() - archived:
         logger.warning(
             f"settings changed: earlier results are in {results.root / 'earlier'}, and a run with "
@@ -89,19 +89,11 @@ def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[
     return methods
 
 
-def options_of(args: argparse.Namespace, matrix: Matrix) -> Options:
-    """Return the options of a run; --keep is a number, all, names or a ranking."""
+def options_of(args: argparse.Namespace) -> Options:
+    """Return the options of a run."""
     from geovp_benchmarks.running.plan import Options
-    from geovp_benchmarks.running.selection import Ranking, Selection
 
-    keep: int | Selection | Ranking | None = Selection(tuple(args.keep.split(",")))
-    if ":" in args.keep:
-        keep = Ranking.parse(args.keep, matrix)
-    elif args.keep.isdecimal():
-        keep = int(args.keep)
-    elif args.keep == "all":
-        keep = None
-    return Options(args.limit, keep, args.fresh)
+    return Options(args.limit, args.keep, args.fresh)
 
 
 def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> int:

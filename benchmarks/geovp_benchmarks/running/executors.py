@@ -1,10 +1,6 @@
-"""Where tasks are computed: in this process, in other processes of this machine, or on a Dask
-cluster.
+"""Executors: compute tasks in this process, in other processes, or on a Dask cluster."""
 
-An executor maps a picklable function over tasks and yields results as they are ready. It takes the
-next task only when it has room for it, so that the tasks' generator can use earlier results.
-"""
-
+import itertools
 import multiprocessing
 import os
 import signal
@@ -12,31 +8,43 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, MissingExtra
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-TASKS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next task
+Pool = tuple[futures.Executor, int]  # and the number of tasks that it is given at a time
 
 
 class Executor(Protocol):
     """Way to compute the tasks of a run."""
 
-    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield the results in any order; errors of the function are raised."""
+    def open(self) -> AbstractContextManager[Pool]:
+        """Return a pool, and the number of tasks that it is given at a time."""
+
+
+class ThisProcess(futures.Executor):
+    """Pool that computes a task when it is submitted."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
+        """Return the finished result; errors are raised here."""
+        future: futures.Future[Any] = futures.Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
 
 
 @dataclass(frozen=True)
 class Serial:
     """One task after the other, in this process."""
 
-    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield the results in the order of the tasks."""
-        return map(function, tasks)
+    @contextmanager
+    def open(self) -> Iterator[Pool]:
+        """Yield the pool."""
+        yield ThisProcess(), 1
 
 
 @dataclass(frozen=True)
@@ -45,14 +53,14 @@ class Processes:
 
     workers: int = 2
 
-    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield results as they are ready; raise GeovpError if a process dies."""
+    @contextmanager
+    def open(self) -> Iterator[Pool]:
+        """Yield the pool; raise GeovpError if a process dies."""
         num_threads = max(1, (os.cpu_count() or 1) // self.workers)
-        pool = futures.ProcessPoolExecutor(
-            self.workers, multiprocessing.get_context("spawn"), _begin_worker, (num_threads,)
-        )
+        context = multiprocessing.get_context("spawn")
+        pool = futures.ProcessPoolExecutor(self.workers, context, _begin_worker, (num_threads,))
         try:
-            yield from _results(pool, function, tasks, self.workers)
+            yield pool, 2 * self.workers
         except BrokenProcessPool as error:
             raise GeovpError(
                 "a worker process died (out of memory?): run again, with fewer --workers"
@@ -72,8 +80,9 @@ class Dask:
     address: str
     timeout_s: float = 10.0  # for a scheduler and a worker to answer
 
-    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """Yield results as they are ready; raise BadData if no scheduler or worker answers."""
+    @contextmanager
+    def open(self) -> Iterator[Pool]:
+        """Yield the cluster; raise BadData if no scheduler or worker answers."""
         try:
             import distributed
         except ModuleNotFoundError as error:
@@ -89,21 +98,36 @@ class Dask:
                 "an address such as tcp://host:8786"
             ) from error
         with client:
-            num_threads = sum(client.nthreads().values())
-            yield from _results(client.get_executor(pure=False), function, tasks, num_threads)
+            yield client.get_executor(pure=False), 2 * sum(client.nthreads().values())
 
 
-def _results(
-    pool: futures.Executor, function: Callable[[Task], Result], tasks: Iterable[Task], workers: int
-) -> Iterator[Result]:
-    """Yield results as they are ready; take a task only when the pool has room for it."""
+def completed(
+    executor: Executor,
+    function: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    interval_s: float = 2.0,
+) -> Iterator[list[Result]]:
+    """Yield lists of results as they are ready; empty after `interval_s` without results.
+
+    Tasks are taken from the iterable when the pool has room for them. The error of a task is raised
+    after the tasks that have begun.
+    """
+    remaining = iter(tasks)
     waiting: set[futures.Future[Result]] = set()
-    for task in tasks:
-        waiting.add(pool.submit(function, task))
-        if len(waiting) >= TASKS_PER_WORKER * workers:
-            done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
-            yield from (future.result() for future in done)
-    yield from (future.result() for future in futures.as_completed(waiting))
+    errors: list[BaseException] = []
+    with executor.open() as (pool, room):
+        while True:
+            for task in itertools.islice(remaining, room - len(waiting)):
+                waiting.add(pool.submit(function, task))
+            if not waiting:
+                break
+            done, waiting = futures.wait(waiting, interval_s, futures.FIRST_COMPLETED)
+            yield [future.result() for future in done if future.exception() is None]
+            errors += [error for future in done if (error := future.exception())]
+            if errors:
+                remaining = iter(())
+        if errors:
+            raise errors[0]
 
 
 def _begin_worker(num_threads: int) -> None:

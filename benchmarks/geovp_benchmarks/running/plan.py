@@ -1,4 +1,4 @@
-"""Plan of a run: the clips, the protocol, and what each method lacks."""
+"""Plan of a run: the clips, the records of protocol and methods, and what each method lacks."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass
@@ -6,13 +6,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from geovp_benchmarks.matrix.components import Failure, weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Results, check_clip_name
-from geovp_benchmarks.running.selection import Ranking, Selection
+from geovp_benchmarks.running.selection import Selection, select
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -24,8 +22,7 @@ class Options:
     """Options of a run."""
 
     limit: int | None = None  # number of clips
-    # predictions to store: of so many clips, of selected clips, or of all (None)
-    keep: int | Selection | Ranking | None = 3
+    keep: str = "3"  # whose predictions are stored; see `select`
     fresh: bool = False  # recompute what another version of the code computed
 
 
@@ -35,25 +32,14 @@ class Plan:
 
     built: BuiltMatrix
     results: Results
-    options: Options
+    clips: Sequence[str]
+    kept: Selection
+    is_fresh: bool  # whether to recompute what another version of the code computed
 
-    @cached_property
-    def clips(self) -> Sequence[str]:
-        """Return the names of the clips."""
-        return self.built.clip_names[: self.options.limit]
-
-    @cached_property
-    def kept(self) -> frozenset[str]:
-        """Return the clips whose predictions are stored."""
-        match self.options.keep:
-            case Selection() as selection:
-                return selection.among(self.clips)
-            case Ranking():  # selects clips once there are scores
-                return frozenset()
-            case None:
-                return frozenset(self.clips)
-            case count:
-                return spread(self.clips, count)
+    @property
+    def split_hash(self) -> str:
+        """Return the data set's hash of its frames, "" if its settings determine them."""
+        return str(getattr(self.built.dataset, "split_hash", ""))
 
     @cached_property
     def fingerprint(self) -> str:
@@ -66,15 +52,10 @@ class Plan:
         numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
         return content_hash({"dataset": dataset, "split": self.split_hash, "numbers": numbers})
 
-    @property
-    def split_hash(self) -> str:
-        """Return the data set's hash of its frames, "" if its settings determine them."""
-        return str(getattr(self.built.dataset, "split_hash", ""))
-
+    @cached_property
     def protocol(self) -> dict[str, Any]:
         """Return the content of protocol.json."""
-        built, keep = self.built, self.options.keep
-        matrix = built.matrix
+        built, matrix = self.built, self.built.matrix
         protocol = {
             "name": matrix.name,
             "dataset": registry.describe(built.dataset),
@@ -87,17 +68,19 @@ class Plan:
             "metrics": built.metrics.about,
             "methods": [method.name for method in matrix.methods],
             "clips": list(self.clips),
-            "kept": asdict(keep) if isinstance(keep, Selection) else None,
+            "kept": asdict(self.kept) if self.kept.by else None,
             "fingerprint": self.fingerprint,
             "versions": versions(),
         }
         return {**protocol, "id": protocol_id(protocol)}
 
-    def record(self, method: MethodPlan) -> dict[str, Any]:
-        """Return the content of method.json before the first clip.
+    @cached_property
+    def records(self) -> dict[MethodPlan, dict[str, Any]]:
+        """Return the content of each method.json before the first clip."""
+        return {method: self._record(method) for method in self.built.matrix.methods}
 
-        The fingerprint is "" if the method cannot be built here.
-        """
+    def _record(self, method: MethodPlan) -> dict[str, Any]:
+        """Return the record of a method; the fingerprint is "" if it cannot be built here."""
         components = self.built.components_of(method)
         specs = self.built.matrix.specs
         record = {
@@ -108,6 +91,7 @@ class Plan:
             "num_samples": method.num_samples,
             "asked": {role: specs[key] for role, key in method.components.items()},
             "protocol": self.fingerprint,
+            "protocol_id": self.protocol["id"],
         }
         for component in components.values():
             if isinstance(component, Failure):
@@ -125,10 +109,9 @@ class Plan:
             "code": self.built.code(method),
         }
 
-    def missing(
-        self, method: MethodPlan, record: Mapping[str, Any], retry_failed: bool = True
-    ) -> Set[str]:
+    def missing(self, method: MethodPlan, retry_failed: bool = True) -> Set[str]:
         """Return the clips of which a method lacks scores or a prediction to be kept."""
+        record = self.records[method]
         if not record["fingerprint"]:
             return set()
         results = self.results.with_rows_of(method.name, record["fingerprint"])
@@ -137,52 +120,42 @@ class Plan:
         missing = set(self.clips)
         for part in results.parts(method.name):
             is_scored = self.built.metrics.described.items() <= part.metrics.items()
-            if is_scored and (part.code == record["code"] or not self.options.fresh):
+            if is_scored and (part.code == record["code"] or not self.is_fresh):
                 missing.difference_update(part.clips)
                 failures = part.failures.items() if retry_failed else ()
                 missing |= {clip for clip, (status, *_) in failures if status == "failed"}
-        return missing | (self.kept - kept)
+        return missing | (set(self.kept.clips) - kept)
 
-    def tasks(
-        self,
-        missing: Mapping[MethodPlan, Set[str]],
-        records: Mapping[MethodPlan, Mapping[str, Any]],
-    ) -> Iterator[Task]:
+    def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
-        matrix, root = self.built.matrix.to_json(), str(self.results.root)
+        matrix, root = self.built.matrix.to_json(), self.results.root
         for index, clip in enumerate(self.clips):
             fingerprints = {
-                method: records[method]["fingerprint"]
+                method: self.records[method]["fingerprint"]
                 for method, clips in missing.items()
                 if clip in clips
             }
             if fingerprints:
-                yield Task(matrix, root, index, clip, fingerprints, clip in self.kept)
+                yield Task(matrix, root, index, clip, fingerprints, clip in self.kept.clips)
 
 
 def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once; nothing is written."""
     build_matrix.cache_clear()  # packages or weights may have been installed
-    plan = Plan(build_matrix(matrix.to_json()), results, options)
-    if not plan.clips:
+    built = build_matrix(matrix.to_json())
+    clips = built.clip_names[: options.limit]
+    if not clips:
         raise BadData(
             "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
         )
-    for clip in plan.clips:
+    for clip in clips:
         check_clip_name(clip)
+    plan = Plan(built, results, clips, select(options.keep, clips, matrix), options.fresh)
     if results.begun and options.limit is not None:
         stored = results.protocol()
-        if stored["fingerprint"] == plan.fingerprint and len(stored["clips"]) > len(plan.clips):
+        if stored["fingerprint"] == plan.fingerprint and len(stored["clips"]) > len(clips):
             raise BadData(
                 f"{results.root} holds {len(stored['clips'])} clips, more than --limit "
                 f"{options.limit} would leave: give another folder with --out"
             )
     return plan
-
-
-def spread(clips: Sequence[str], count: int) -> frozenset[str]:
-    """Return `count` clips, evenly spread from the first to the last; the middle one of one."""
-    if count == 1:
-        return frozenset([clips[len(clips) // 2]])
-    indices = np.linspace(0, len(clips) - 1, min(count, len(clips))).round().astype(int)
-    return frozenset(clips[index] for index in indices)

@@ -48,9 +48,10 @@ def reset_peak() -> bool:
 def peak_mb() -> float:
     """Return the peak of resident memory since `reset_peak` in MiB, 0 if unknown."""
     status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    peaks_kib = [int(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
-    return round(max(peaks_kib, default=0) / 2**10, 1)
+    if not status.exists():
+        return 0.0
+    _, _, peak = status.read_text().partition("VmHWM:")
+    return round(int(peak.split()[0]) / 2**10, 1)  # in KiB
 
 
 def release_free_memory() -> None:

@@ -1,13 +1,11 @@
 """Scores of kept predictions with other metrics: nothing is predicted, no data set is needed."""
 
-from collections.abc import Sequence
-
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Method, Part, Results
 from geovp_benchmarks.running.profiling import Usage
-from geovp_benchmarks.running.run import totals
+from geovp_benchmarks.running.run import totals, write
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
 
@@ -27,8 +25,8 @@ def rescore(
 ) -> list[Method]:
     """Write a results folder of the kept clips alone; raise BadData if there are none."""
     protocol = results.protocol()
-    kept = [clip for clip, _ in results.clips()]
-    clips = [clip for clip in protocol["clips"] if clip in kept]
+    stored = {clip for clip, _ in results.clips()}
+    clips = [clip for clip in protocol["clips"] if clip in stored]
     if not clips:
         raise BadData(
             f"{results.root} keeps no predictions: run it again with --keep N or --keep all"
@@ -52,12 +50,14 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     """Copy and score the kept predictions of a method."""
     name, protocol = method.name, output.protocol()
     output.remove_method(name)
-    failures: dict[str, Sequence[str]] = {}
-    for part in results.parts(name):
-        failures |= part.failures
-    predicted = [clip for clip, _ in results.predictions(name)]
-    parts = []
-    for clip_name in (clip for clip in protocol["clips"] if clip in predicted):
+    failures = {
+        clip: failure for part in results.parts(name) for clip, failure in part.failures.items()
+    }
+    predicted = {clip for clip, _ in results.predictions(name)}
+    scores = []
+    for clip_name in protocol["clips"]:
+        if clip_name not in predicted:
+            continue
         clip = ScoredClip(results.clip(clip_name), protocol["num_past"])
         prediction = results.prediction(name, clip_name)
         output.write_clip(clip.clip)
@@ -69,16 +69,15 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
             clips=(clip_name,),
             fingerprint=method.fingerprint,
             metrics={},
-            seconds=dict(usage.seconds),
+            seconds=usage.seconds,
             peak_memory_mb=0.0,
-            failures={key: failure for key, failure in failures.items() if key == clip_name},
+            failures={clip_name: failures[clip_name]} if clip_name in failures else {},
             facts={clip_name: clip.facts},
         )
-        output.write_part(name, rows, part)
-        parts.append(part)
+        scores.append((name, rows, part))
+    write(output, scores)
     status = method.status
     if status in ("done", "partial"):
-        status = "done" if len(parts) == len(protocol["clips"]) else "partial"
+        status = "done" if len(scores) == len(protocol["clips"]) else "partial"
     record = {**method.record, "status": status, "protocol_id": protocol["id"]}
-    output.write_method(name, record | totals(parts, ""))
-    output.merge(name)
+    output.write_method(name, record | totals([part for *_, part in scores], ""))

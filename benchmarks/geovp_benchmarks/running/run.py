@@ -1,20 +1,20 @@
 """Run of a matrix: compute what is missing in its results folder, however earlier runs ended."""
 
 import logging
-from collections import Counter
-from collections.abc import Sequence
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import Progress, announce
-from geovp_benchmarks.results.provenance import content_hash
-from geovp_benchmarks.results.store import Method, Part, Results
-from geovp_benchmarks.running.executors import Executor
+from geovp_benchmarks.results.store import Method, Part, Results, Rows
+from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.locking import results_lock
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
-from geovp_benchmarks.running.selection import Ranking
-from geovp_benchmarks.running.task import compute
+from geovp_benchmarks.running.selection import rank
+from geovp_benchmarks.running.task import Scores, score_clip
 
 logger = logging.getLogger(__name__)
 
@@ -29,35 +29,47 @@ def run(
     """
     announce("building components and metrics")
     plan = make_plan(matrix, results, options)
-    with results_lock(results.root, content_hash([plan.fingerprint, matrix.to_json(), plan.clips])):
+    with results_lock(results, plan.protocol):
         compute_missing(plan, executor, progress)
-        if isinstance(options.keep, Ranking):
-            options = replace(options, keep=options.keep.choose(results))
-            compute_missing(replace(plan, options=options), executor, progress)
+        if ":" in options.keep:
+            compute_missing(replace(plan, kept=rank(options.keep, results)), executor, progress)
     return results.methods()
 
 
-def compute_missing(plan: Plan, executor: Executor, progress: Progress) -> None:
-    """Predict and score the clips that methods lack; store what is done, whatever happens."""
-    records = begin(plan)
-    missing = {method: plan.missing(method, record) for method, record in records.items()}
+def compute_missing(
+    plan: Plan, executor: Executor, progress: Progress, interval_s: float = 2.0
+) -> None:
+    """Predict and score the clips that methods lack; write scores at intervals and at the end."""
+    begin(plan)
+    missing = {method: plan.missing(method) for method in plan.records}
     num_missing = sum(len(clips) for clips in missing.values())
     num_done = 0
     progress(num_done, num_missing)
     announce("first prediction: reading a clip, loading or compiling code")
+    batch: list[Scores] = []
+    written_s = 0.0
     try:
-        for task in executor.map(compute, plan.tasks(missing, records)):
-            num_done += len(task.fingerprints)
+        for results in completed(executor, score_clip, plan.tasks(missing), interval_s):
+            for scores in results:
+                batch += scores
+                num_done += len(scores)
+                clip = scores[0][2].clips[0]
+                announce(f"after {clip}")  # other processes do not announce their steps
+                logger.info("clip %s: done", clip)
             progress(num_done, num_missing)
-            announce(f"after {task.clip}")  # other processes do not announce their steps
-            logger.info("clip %s: done", task.clip)
+            if time.monotonic() - written_s >= interval_s:
+                write(plan.results, batch)
+                batch.clear()
+                written_s = time.monotonic()
     finally:
-        for method, record in records.items():
-            finish(plan, method, record)
+        write(plan.results, batch)
+        for method, record in plan.records.items():
+            if record["fingerprint"]:
+                finish(plan, method)
 
 
-def begin(plan: Plan) -> dict[MethodPlan, dict[str, Any]]:
-    """Write the records of the protocol and of all methods; return those of buildable methods.
+def begin(plan: Plan) -> None:
+    """Write the records of the protocol and of all methods.
 
     Results of other settings are set aside, and so are damaged files.
     """
@@ -65,34 +77,56 @@ def begin(plan: Plan) -> dict[MethodPlan, dict[str, Any]]:
     fingerprint = results.protocol()["fingerprint"] if results.begun else ""
     if fingerprint != plan.fingerprint:
         results.swap("clips", fingerprint, plan.fingerprint)
-    protocol = plan.protocol()
-    results.write_protocol(protocol)
-    methods = plan.built.matrix.methods
-    for name in (None, *(method.name for method in methods)):
+    results.write_protocol(plan.protocol)
+    for name in (None, *plan.protocol["methods"]):
         for path in results.set_damaged_aside(name):
             logger.warning(
                 "%s was damaged: it is set aside as %s.damaged and computed again", path, path.name
             )
-    records = {method: plan.record(method) | {"protocol_id": protocol["id"]} for method in methods}
-    for method, record in records.items():
+    for method, record in plan.records.items():
         stored = results.method(method.name)
         asked = ("asked", "num_samples", "protocol")
         is_same = stored and all(stored.record.get(key) == record[key] for key in asked)
         if stored and stored.num_clips and is_same and not record["fingerprint"]:
             continue  # computed on a machine that could build it
         fingerprint = stored.fingerprint if stored else ""
-        if stored is None or fingerprint != record["fingerprint"]:
+        if fingerprint != record["fingerprint"]:
             results.swap(method.name, fingerprint, record["fingerprint"])
         results.write_method(method.name, record | totals([], ""))
-    return {method: record for method, record in records.items() if record["fingerprint"]}
 
 
-def finish(plan: Plan, method: MethodPlan, record: dict[str, Any]) -> None:
+def write(results: Results, scores: Iterable[Scores]) -> None:
+    """Write scores, in one file for all clips of a method that were scored alike."""
+    batches = defaultdict(list)
+    for method, rows, part in scores:
+        batches[method, part.code, str(part.metrics)].append((rows, part))
+    for (method, *_), batch in batches.items():
+        rows = Rows.concatenated([rows for rows, _ in batch])
+        results.write_part(method, rows, joined([part for _, part in batch]))
+
+
+def joined(parts: Sequence[Part]) -> Part:
+    """Return one part for clips that were scored alike."""
+    seconds: Counter[str] = Counter()
+    for part in parts:
+        seconds.update(part.seconds)
+    return replace(
+        parts[0],
+        clips=tuple(clip for part in parts for clip in part.clips),
+        seconds=dict(seconds),
+        peak_memory_mb=max(part.peak_memory_mb for part in parts),
+        peak_is_own=all(part.peak_is_own for part in parts),
+        failures={clip: failure for part in parts for clip, failure in part.failures.items()},
+        facts={clip: facts for part in parts for clip, facts in part.facts.items()},
+    )
+
+
+def finish(plan: Plan, method: MethodPlan) -> None:
     """Merge the score files of a method and write its status."""
-    results = plan.results
+    results, record = plan.results, plan.records[method]
     results.merge(method.name)
     parts = results.parts(method.name)
-    is_partial = plan.missing(method, record, retry_failed=False)
+    is_partial = plan.missing(method, retry_failed=False)
     outcome = {"status": "partial" if is_partial else "done"}
     failures = [failure for part in parts for failure in part.failures.values()]
     if failures:
@@ -111,14 +145,12 @@ def totals(parts: Sequence[Part], code: str) -> dict[str, Any]:
 
     Scores of code with another hash are outdated.
     """
-    seconds: Counter[str] = Counter()
-    for part in parts:
-        seconds.update(part.seconds)
+    total = joined([Part((), "", {}, {}, 0.0, peak_is_own=True), *parts])
     return {
-        "num_clips": sum(len(part.clips) for part in parts),
-        "num_failed": sum(len(part.failures) for part in parts),
+        "num_clips": len(total.clips),
+        "num_failed": len(total.failures),
         "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
-        "seconds": {stage: round(time_s, 3) for stage, time_s in seconds.items()},
-        "peak_memory_mb": max((part.peak_memory_mb for part in parts), default=0.0),
-        "peak_is_own": all(part.peak_is_own for part in parts),
+        "seconds": {stage: round(time_s, 3) for stage, time_s in total.seconds.items()},
+        "peak_memory_mb": total.peak_memory_mb,
+        "peak_is_own": total.peak_is_own,
     }

@@ -1,8 +1,8 @@
-"""Selection of the clips whose predictions are kept: by name, or by the scores of a method."""
+"""Selection of the clips whose predictions are kept: `--keep` of `geovp run`."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -18,90 +18,97 @@ from geovp_classic.registry import nearest
 class Selection:
     """Clips to keep, in the order in which they are shown, and the reason."""
 
-    clips: tuple[str, ...]
-    by: str = "asked for by name"
-
-    def among(self, names: Sequence[str]) -> frozenset[str]:
-        """Return the clips; raise BadData unless the data set has all of them."""
-        for clip in self.clips:
-            if clip not in names:
-                raise BadData(
-                    f"--keep: there is no clip {clip!r}: they are called {names[0]} to {names[-1]}"
-                )
-        return frozenset(self.clips)
+    clips: tuple[str, ...] = ()
+    by: str = ""  # "": spread over the data set, or all
 
 
-@dataclass(frozen=True)
-class Ranking:
-    """Rule WHICH:METRIC or WHICH:METRIC:METHOD that selects clips once there are scores."""
+def select(keep: str, clips: Sequence[str], matrix: Matrix) -> Selection:
+    """Return the clips of a number, "all", or names with commas.
 
-    which: str  # "worst", "best" or "median"
-    metric: str
-    # name or label; "": the first complete method with the metric, geometric methods first
-    method: str = ""
-    num_clips: int = 3
-
-    @classmethod
-    def parse(cls, text: str, matrix: Matrix) -> Self:
-        """Parse a rule; raise BadData if a word is not in the matrix."""
-        which, metric, method = [*text.split(":", 2), "", ""][:3]
-        names = [name for each in matrix.methods for name in (each.label, each.name)]
-        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
-        choices = {which: ("worst", "best", "median"), metric: metrics, method: ["", *names]}
-        for word, allowed in choices.items():
-            if word not in allowed:
-                raise BadData(
-                    f"--keep {text!r} has {word!r}, expected N, all, clip names, or "
-                    f"worst|best|median:METRIC[:METHOD]{nearest(word, filter(None, allowed))}"
-                )
-        return cls(which, metric, method)
-
-    def choose(self, results: Results) -> Selection:
-        """Return the selected clips; raise BadData if no complete method has the metric."""
-        protocol = results.protocol()
-        method, scores = self._scores(results)
-        is_lower_better = protocol["metrics"][self.metric]["higher_is_better"] is False
-        is_descending = is_lower_better == (self.which == "worst")
-        if self.which == "median":
-            middle = float(np.median(list(scores.values())))
-            scores = {clip: abs(score - middle) for clip, score in scores.items()}
-            is_descending = False
-        ranked = sorted(scores, key=scores.__getitem__, reverse=is_descending)
-        num_frames = protocol["num_past"] + protocol["num_future"]
-        clips: list[str] = []
-        for clip in ranked:
-            if not any(_overlap(clip, other, num_frames) for other in clips):
-                clips.append(clip)
-        clips += [clip for clip in ranked if clip not in clips]  # if too few are apart
-        selected = sorted(clips[: self.num_clips], key=ranked.index)
-        return Selection(tuple(selected), f"{self.which} {title(self.metric)} of {method.label}")
-
-    def _scores(self, results: Results) -> tuple[Method, Mapping[str, float]]:
-        """Return a complete method and its mean scores of the clips that it could predict."""
-        methods = [
-            method
-            for method in results.methods()
-            if method.status == "done" and self.method in ("", method.name, method.label)
-        ]
-        for method in sorted(methods, key=lambda method: method.kind != "geometric"):
-            rows = results.scores(method.name).of_metrics((self.metric,))
-            rows = rows.where(np.isfinite(rows.value))
-            means = np.bincount(rows.clip.codes, rows.value) / np.bincount(rows.clip.codes)
-            scores = dict(zip(rows.clip.categories, means.tolist(), strict=True))
-            for clip in results.failures(method.name):
-                scores.pop(clip, None)
-            if scores:
-                return method, scores
-        which = f"the method {self.method!r} is not" if self.method else "no method is"
-        raise BadData(
-            f"--keep: {which} complete with {self.metric}, by which clips are to be selected: see "
-            "below the table"
-        )
+    A ranking WHICH:METRIC or WHICH:METRIC:METHOD selects none, because it needs scores. Raises
+    BadData for an unknown word.
+    """
+    if keep == "all":
+        return Selection(tuple(clips))
+    if keep == "1":
+        return Selection((clips[len(clips) // 2],))
+    if keep.isdecimal():
+        count = min(int(keep), len(clips))
+        indices = np.linspace(0, len(clips) - 1, count).round().astype(int)
+        return Selection(tuple(clips[index] for index in indices))
+    if ":" in keep:
+        _check_ranking(keep, matrix)
+        return Selection()
+    names = tuple(keep.split(","))
+    for name in names:
+        if name not in clips:
+            raise BadData(
+                f"--keep: there is no clip {name!r}: they are called {clips[0]} to {clips[-1]}"
+            )
+    return Selection(names, "asked for by name")
 
 
-def _overlap(clip: str, other: str, num_frames: int) -> bool:
-    """Return whether two names such as "03/000180" are of one sequence and share frames."""
-    (sequence, _, first), (other_sequence, _, second) = clip.rpartition("/"), other.rpartition("/")
-    if sequence != other_sequence or not (first.isdecimal() and second.isdecimal()):
-        return False
-    return abs(int(first) - int(second)) < num_frames
+def _check_ranking(keep: str, matrix: Matrix) -> None:
+    """Raise BadData if a word of a ranking is not in the matrix."""
+    which, metric, method = [*keep.split(":", 2), ""][:3]
+    methods = [name for each in matrix.methods for name in (each.label, each.name)]
+    metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
+    choices = {which: ["worst", "best", "median"], metric: metrics, method: ["", *methods]}
+    for word, allowed in choices.items():
+        if word not in allowed:
+            raise BadData(
+                f"--keep {keep!r} has {word!r}, expected N, all, clip names, or "
+                f"worst|best|median:METRIC[:METHOD]{nearest(word, filter(None, allowed))}"
+            )
+
+
+def rank(keep: str, results: Results, num_clips: int = 3) -> Selection:
+    """Return the clips of a ranking, without common frames if there are enough.
+
+    The scores are those of METHOD or of the first complete method, geometric methods first. Raises
+    BadData if no complete method has the metric.
+    """
+    which, metric, name = [*keep.split(":", 2), ""][:3]
+    protocol = results.protocol()
+    method, scores = _scores(results, metric, name)
+    is_lower_better = protocol["metrics"][metric]["higher_is_better"] is False
+    is_descending = is_lower_better == (which == "worst")
+    if which == "median":
+        middle = float(np.median(list(scores.values())))
+        scores = {clip: abs(score - middle) for clip, score in scores.items()}
+        is_descending = False
+    ranked = sorted(scores, key=scores.__getitem__, reverse=is_descending)
+    num_frames = protocol["num_past"] + protocol["num_future"]
+    min_distance = math.ceil(num_frames / protocol["stride"])  # in clips
+    position = {clip: index for index, clip in enumerate(protocol["clips"])}
+    clips: list[str] = []
+    for clip in ranked:
+        distances = [abs(position[clip] - position[other]) for other in clips]
+        if len(clips) < num_clips and min(distances, default=min_distance) >= min_distance:
+            clips.append(clip)
+    clips = list(dict.fromkeys([*clips, *ranked]))[:num_clips]
+    selected = sorted(clips, key=ranked.index)
+    return Selection(tuple(selected), f"{which} {title(metric)} of {method.label}")
+
+
+def _scores(results: Results, metric: str, name: str) -> tuple[Method, Mapping[str, float]]:
+    """Return a complete method and its mean scores of the clips that it could predict."""
+    methods = [
+        method
+        for method in results.methods()
+        if method.status == "done" and name in ("", method.name, method.label)
+    ]
+    for method in sorted(methods, key=lambda method: method.kind != "geometric"):
+        rows = results.scores(method.name).of_metrics((metric,))
+        rows = rows.where(np.isfinite(rows.value))
+        means = np.bincount(rows.clip.codes, rows.value) / np.bincount(rows.clip.codes)
+        scores = dict(zip(rows.clip.categories, means.tolist(), strict=True))
+        for clip in results.failures(method.name):
+            scores.pop(clip, None)
+        if scores:
+            return method, scores
+    which = f"the method {name!r} is not" if name else "no method is"
+    raise BadData(
+        f"--keep: {which} complete with {metric}, by which clips are to be selected: see below the "
+        "table"
+    )

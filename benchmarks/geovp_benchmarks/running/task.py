@@ -1,4 +1,4 @@
-"""Task of a run: predict a clip with several methods, and store the scores."""
+"""Task of a run: predict a clip with several methods, and score the predictions."""
 
 import dataclasses
 import functools
@@ -19,6 +19,8 @@ from geovp_classic.interfaces import Dataset
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
+
+Scores = tuple[str, Rows, Part]  # and the name of the method
 
 
 @dataclass(frozen=True)
@@ -103,61 +105,54 @@ class Task:
     """Clip and the methods that lack it, as data for any process."""
 
     matrix: str  # Matrix.to_json
-    root: str
+    root: Path  # of the results
     index: int  # in the data set
     clip: str
     fingerprints: Mapping[MethodPlan, str]
     is_kept: bool = False  # whether the clip and its predictions are stored
 
 
-def compute(task: Task) -> Task:
-    """Predict and score a clip with each method, and write a score file per method."""
-    built, results = build_matrix(task.matrix), Results(Path(task.root))
+def score_clip(task: Task) -> list[Scores]:
+    """Predict and score a clip with each method; only a kept clip and its predictions are written.
+
+    A copy of the last frame replaces a prediction that fails.
+    """
+    built, results = build_matrix(task.matrix), Results(task.root)
     clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
     if task.is_kept:
         results.write_clip(clip.clip)
     shared = SharedSteps()
+    scores = []
     for method, fingerprint in task.fingerprints.items():
         announce(f"{task.clip}, {method.label}")
-        code = built.code(method)
-        usage = Usage()
-        prediction, rows, failures = _evaluate(built, method, clip, shared, usage)
+        context, _ = clip.clip.split(clip.num_past, built.needs(method))
+        usage, scoring = Usage(), Usage()  # the peak of scoring is the same for all methods
+        failures = {}
+        try:
+            prediction = _predict(built.components_of(method), method, context, clip, shared, usage)
+            with scoring.measure("metrics"):
+                rows = score(clip, prediction, built.metrics)
+        except Exception as error:  # of a component: the run continues
+            failures[task.clip] = dataclasses.astuple(Failure.of(error))
+            prediction, rows = CopyLast().predict(context), Rows.of()
+            with suppress(Exception), scoring.measure("metrics"):
+                rows = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.write_prediction(method.name, task.clip, prediction)
         part = Part(
             clips=(task.clip,),
             fingerprint=fingerprint,
             metrics=built.metrics.described,
-            seconds=dict(usage.seconds),
+            seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
             peak_is_own=usage.peak_mb > 0,
-            code=code,
+            code=built.code(method),
             failures=failures,
             facts={task.clip: clip.facts},
         )
-        results.write_part(method.name, rows, part)
+        scores.append((method.name, rows, part))
         announce(f"{task.clip}, {method.label}", done=1)
-    return task
-
-
-def _evaluate(
-    built: BuiltMatrix, method: MethodPlan, clip: ScoredClip, shared: SharedSteps, usage: Usage
-) -> tuple[Prediction, Rows, dict[str, tuple[str, ...]]]:
-    """Return a prediction, its scores, and the error if a copy of the last frame replaces it."""
-    context, _ = clip.clip.split(clip.num_past, built.needs(method))
-    scoring = Usage()  # its peak is the same for all methods
-    failures = {}
-    try:
-        prediction = _predict(built.components_of(method), method, context, clip, shared, usage)
-        with scoring.measure("metrics"):
-            rows = score(clip, prediction, built.metrics)
-    except Exception as error:  # of a component: the run continues
-        failures[clip.clip.name] = dataclasses.astuple(Failure.of(error))
-        prediction, rows = CopyLast().predict(context), Rows.of()
-        with suppress(Exception), scoring.measure("metrics"):
-            rows = score(clip, prediction, built.metrics)
-    usage.seconds["metrics"] = scoring.seconds["metrics"]
-    return prediction, rows, failures
+    return scores
 
 
 def _predict(
@@ -184,14 +179,13 @@ def _predict(
         num_samples,
     )
     past = motion.past
+    poses = past.world_from_cam.tobytes(), past.times_s.tobytes(), past.is_metric
     scene = shared.get(
         lambda: predictor.reconstruct(observed, past),
         usage,
         "reconstruct",
         method.renderer,
-        past.world_from_cam.tobytes(),
-        past.times_s.tobytes(),
-        past.is_metric,
+        *poses,
     )
     with usage.measure("view"):
         return show(scene, motion, context)
