@@ -9,7 +9,7 @@ refinements are measured with true poses, components of the odometry without.
 import argparse
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ import numpy as np
 
 from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.cli.options import add
-from geovp_benchmarks.evaluation.variants import Predict, score
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.tables.formats import markdown
@@ -51,36 +50,32 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     defaults = {known[name].default: None for name in names}
     compared = {name: known[name].predictor for name in (*defaults, *names)}
     metrics = {name: registry.build("frame_metrics", name) for name in ("psnr", "ssim", "lpips")}
-    milliseconds: dict[str, list[float]] = {name: [] for name in compared}
-
-    def prepare(clip: Clip) -> Predict[str]:
-        def predict(name: str) -> tuple[ByteArray, ByteArray]:
-            start_s = time.perf_counter()
-            frames = predicted(compared[name], clip)
-            milliseconds[name].append(1000 * (time.perf_counter() - start_s))
-            return frames, clip.frames[NUM_PAST + SCORED_STEPS]
-
-        return predict
-
-    data = datasets(args.root, args.frames, args.stride)
     clips = [
-        (stretch, dataset, number)
-        for stretch, dataset in zip(args.frames, data, strict=True)
+        (f"{stretch}/{number}", dataset, number)
+        for stretch, dataset in zip(
+            args.frames, datasets(args.root, args.frames, args.stride), strict=True
+        )
         for number in range(len(dataset))
     ]
-    named = (
-        replace(dataset[number], name=f"{stretch}/{number}") for stretch, dataset, number in clips
-    )
-    scores = score(tracked(named, len(clips), progress), metrics, compared, prepare)
+    scores: dict[str, list[list[float]]] = {name: [] for name in compared}
+    for _, dataset, number in tracked(clips, len(clips), progress):
+        clip = dataset[number]
+        real = clip.frames[NUM_PAST + SCORED_STEPS]
+        for name, predictor in compared.items():
+            start_s = time.perf_counter()
+            frames = predicted(predictor, clip)
+            ms = 1000 * (time.perf_counter() - start_s)
+            scores[name].append([*(m(frames, real, None).mean() for m in metrics.values()), ms])
     columns = [Column(name, name.upper(), None, 4) for name in metrics]
     columns.append(Column("ms", "ms", None, 0))
+    names_of_clips = [name for name, _, _ in clips]
     rows = []
     for name in names:
-        default = known[name].default
-        gains = scores.values[default] - scores.values[name]
-        extra_ms = np.subtract(milliseconds[default], milliseconds[name])
-        values = zip([*metrics, "ms"], [*gains.T, extra_ms], strict=True)
-        gained = {key: Score.of(each, scores.clips, UNBOUNDED) for key, each in values}
+        gains = np.subtract(scores[known[name].default], scores[name])
+        gained = {
+            column.key: Score.of(values, names_of_clips, UNBOUNDED)
+            for column, values in zip(columns, gains.T, strict=True)
+        }
         rows.append(MethodScores(name, gained, num_clips=len(clips)))
     title = f"Gain of components on clips of {', '.join(args.frames)}"
     yield markdown(Table("ablation", title, columns, rows, [KIND], starred=()))

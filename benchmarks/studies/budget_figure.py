@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from geovp_benchmarks.arguments import figure_file
 from geovp_benchmarks.cli.options import add, add_shared
-from geovp_benchmarks.evaluation.error_budget import error_budget
-from geovp_benchmarks.evaluation.variants import read_method
+from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress

@@ -32,7 +32,10 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     test = ("03", "05", "06", "07", "10")
     windows = forecasting.read_windows(args.poses, test, stride=args.stride)
     probabilities = [round(0.05 * k, 2) for k in range(1, 20)]
-    scores = forecasting.evaluate(windows, compared, progress, probabilities)
+    scores = {
+        name: forecasting.evaluate(windows, each, progress, probabilities)
+        for name, each in compared.items()
+    }
     with mpl.style.context(style.SHEET):
         figure = Figure(figsize=(8.5, 1.9), dpi=style.PRINT_DPI, layout="constrained")
         panels = figure.subplots(1, 5, sharey=True)

@@ -18,7 +18,7 @@ from geovp_benchmarks.progress import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and what is replaced."""
     add_shared(parser, "matrix")
-    group = add_group(parser, "method and clips", "--method", "--root", "--limit", "--set")
+    add_group(parser, "method and clips", "--method", "--root", "--limit", "--set")
     group = add_group(parser, "budget")
     add_flag(group, "--stereo", "Use the depth of right images where no depth is recorded.")
     add_flag(group, "--sensitivity", "Print the changes by constant offsets of the true poses.")
@@ -26,16 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the tables."""
-    from geovp_benchmarks.evaluation.error_budget import error_budget, pose_sensitivity
-    from geovp_benchmarks.evaluation.variants import read_method
+    from geovp_benchmarks.evaluation import error_budget
     from geovp_benchmarks.matrix import schema
     from geovp_benchmarks.tables.formats import markdown
     from geovp_classic.types import PrivilegedInput
 
     matrix = schema.read(args.matrix, args.set).with_root(args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
-    method = read_method(matrix, args.method, args.limit, needs)
-    measure = pose_sensitivity if args.sensitivity else error_budget
+    method = error_budget.read_method(matrix, args.method, args.limit, needs)
+    measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
     with progress_bar("budget", "clips") as progress:
         tables = measure(method, progress)
     print(*map(markdown, tables), sep="\n")

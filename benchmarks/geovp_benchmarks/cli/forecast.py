@@ -12,7 +12,7 @@ import json
 from pathlib import Path
 
 from geovp_benchmarks.cli.options import add, add_flag, add_group
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.progress import announce, progress_bar
 from geovp_classic.errors import BadData, UnknownComponent
 
 
@@ -34,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
+    from geovp_benchmarks.tables.formats import grid
     from geovp_classic.registry import nearest
 
     forecasters = forecasting.forecasters()
@@ -43,15 +44,23 @@ def run(args: argparse.Namespace) -> int:
     selected = {name: forecasters[name] for name in args.methods or forecasters}
     sequences = args.sequences or test_sequences(args.poses)
     windows = forecasting.read_windows(args.poses, sequences, args.past, args.future, args.stride)
-    with progress_bar("forecast", "forecasts") as progress:
-        scores = forecasting.evaluate(windows, selected, progress)
-    table = {name: forecasting.summary(each) for name, each in scores.items()}
+    table = {}
+    with progress_bar("forecast", "windows") as progress:
+        for name, forecaster in selected.items():
+            announce(name)
+            scores = forecasting.evaluate(windows, forecaster, progress)
+            table[name] = forecasting.summary(scores)
     if args.json:
         content = {"sequences": sequences, "windows": len(windows), "forecasters": table}
         print(json.dumps(content, indent=2))
     else:
         print(f"{len(windows)} windows of {', '.join(sequences)}", "", sep="\n")
-        print(*forecasting.lines(table), sep="\n")
+        names = dict.fromkeys(name for means in table.values() for name in means)
+        rows = [
+            [name, *(f"{means[name]:.3f}" if name in means else "-" for means in table.values())]
+            for name in names
+        ]
+        print(*grid([["", *table], *rows]), sep="\n")
     return 0
 
 

@@ -1,6 +1,6 @@
 """Track the camera of sequences.
 
-Write pose files, and print drift; or print errors of steps on short clips.
+Print errors under several alignments, of whole sequences, with pose files, or of short clips.
 
 Examples:
   geovp poses path/to/kitti '03[0:360)'
@@ -26,30 +26,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = add_group(parser, "odometry")
     text = "Name or TOML table of a component, see `geovp list odometries`. Default: monocular."
     add(group, "--odometry", "SPEC", text, "monocular")
-    text = "Print errors per step on clips of N frames. Default: track whole sequences."
-    add(group, "--clips", "N", text, type=at_least(2))
+    text = "Print median errors of clips of N frames. Default: track whole sequences."
+    add(group, "--clips", "N", text, type=at_least(3))
     group = add_group(parser, "output")
     folder = Path("results/poses")
     add(group, "--out", "DIR", f"Folder for the results. Default: {folder}.", folder)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write poses and print their drift, or print errors of steps."""
-    from geovp_benchmarks.evaluation.odometry import clip_table, track_sequences
+    """Print errors of whole sequences and write their poses, or print median errors of clips."""
+    from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import columns
     from geovp_classic.data import layouts
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
     data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
-    with progress_bar("poses", "frames") as progress:
+    with progress_bar("poses", "frames" if args.clips is None else "clips") as progress:
         if args.clips is not None:
             data = {"stride": 5, "size_px": [256, 256], **data}
-            errors = clip_table(data, args.frames, args.odometry, args.clips, progress)
-            print(*columns(errors), sep="\n")
+            clips = track_clips(data, args.frames, args.odometry, args.clips, progress)
+            for name, paths in clips:
+                is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
+                print(f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked")
+                print(*(f"  {line}" for line in columns(error_table(paths))), sep="\n")
             return 0
-        for sequence in track_sequences(data, args.frames, args.odometry, progress):
-            print(f"{sequence.frames}: {sequence.tracked.mean():.1%} of frames tracked")
-            drift = sequence.drift()
-            lines = columns(drift) if drift else ["no recorded poses to compare with"]
-            print(*(f"  {line}" for line in [*lines, *sequence.write(args.out)]), sep="\n")
+        for frames, path in track_sequences(data, args.frames, args.odometry, progress):
+            print(f"{frames}: {path.tracked.mean():.1%} of frames tracked")
+            stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
+            files = path.write(args.out, stem)
+            print(*(f"  {line}" for line in [*columns(error_table([path])), *files]), sep="\n")
     return 0

@@ -1,24 +1,129 @@
 """Error budget of a method, and sensitivity of its renderer to errors of the poses."""
 
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
-from geovp_benchmarks.evaluation.variants import Method, Predict, change_tables, score
-from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.tables.table_model import Table
-from geovp_classic.errors import Incompatible
+from geovp_benchmarks.matrix.components import build_method
+from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.results.score_names import UNBOUNDED
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_classic import registry
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, Clip, FloatArray
+from geovp_classic.interfaces import Dataset, FrameMetric
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.types import ByteArray, Clip, PrivilegedInput
 
-AXES = (
-    "x",
-    "y",
-    "z",
-    "pitch",
-    "yaw",
-    "roll",
-)  # of a twist: right, down, forward; up, right, clockwise
-Offset = tuple[str, float]  # axis of the future camera; signed metres or degrees
+# Predicted and real frames [N, H, W, 3] of a variant, which is any value that can be a key.
+Predict = Callable[[Any], tuple[ByteArray, ByteArray]]
+Pairs = dict[str, dict[str, tuple[Any, Any]]]  # variants before and after, by row and column
+
+
+@dataclass(frozen=True)
+class Method:
+    """Pose source with a renderer, and the clips and metrics of its matrix."""
+
+    label: str
+    predictor: GeometricPredictor
+    matrix: Matrix
+    dataset: Dataset
+    num_clips: int
+    metrics: Mapping[str, FrameMetric]
+
+    @property
+    def steps(self) -> list[int]:
+        """Return the future steps that are scored, from 0."""
+        return [step for step in (0, 4, 9, 14, 19) if step < self.matrix.num_future]
+
+    def with_truth(self, clip: Clip) -> OracleClip:
+        """Return a clip that can be predicted with stages from ground truth."""
+        return OracleClip(self.predictor, clip, self.matrix.num_past, self.steps)
+
+    def change_tables(
+        self,
+        pairs: Pairs,
+        levels: Mapping[str, Any],  # variants
+        prepare: Callable[[Clip], Predict],
+        progress: Progress,
+        notes: Iterable[str] = (),
+    ) -> list[Table]:
+        """Return the paired changes per metric, with the mean scores of `levels` in the title.
+
+        Raises Incompatible if all variants are impossible on all clips.
+        """
+        names: list[str] = []
+        values: dict[Any, list[Any]] = {  # [N, M] by variant; NaN where it is impossible
+            variant: [] for row in pairs.values() for pair in row.values() for variant in pair
+        }
+        reasons = {}
+        for number in tracked(range(self.num_clips), self.num_clips, progress):
+            clip = self.dataset[number]
+            names.append(clip.name)
+            predict = prepare(clip)
+            for variant, scores in values.items():
+                scores.append([np.nan] * len(self.metrics))
+                try:
+                    frames = predict(variant)
+                    scores[-1] = [metric(*frames, None).mean() for metric in self.metrics.values()]
+                except Incompatible as error:
+                    reasons[str(error)] = error
+        if np.isnan([*values.values()]).all():
+            raise next(iter(reasons.values()))
+        horizons = ", ".join(str(step + 1) for step in self.steps)
+        title = (
+            f"{self.label}: {len(names)} clips of {self.dataset.name}, "
+            f"every {self.matrix.stride} frames, horizons {horizons}"
+        )
+        tables = []
+        for number, (name, metric) in enumerate(self.metrics.items()):
+            decimals = 2 if metric.unit == "dB" else 4
+            columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
+            of_metric = {variant: np.array(each)[:, number] for variant, each in values.items()}
+            rows = []
+            for label, row in pairs.items():
+                changes = {
+                    key: Score.of(of_metric[after] - of_metric[before], names, UNBOUNDED)
+                    for key, (before, after) in row.items()
+                }
+                rows.append(MethodScores(label, changes, num_clips=len(names)))
+            means = ", ".join(
+                f"{label} {np.nanmean(of_metric[variant]):.{decimals}f}"
+                for label, variant in levels.items()
+            )
+            heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
+            tables.append(Table(name, heading, columns, rows, [*notes, *reasons, KIND], starred=()))
+        return tables
+
+
+def read_method(
+    matrix: Matrix, label: str | None, limit: int | None, needs: PrivilegedInput
+) -> Method:
+    """Return a method of a matrix with the first clips; the label may be None for the only one.
+
+    `needs` are inputs of the clips beyond those of the method. Raises BadData unless the method is
+    a pose source with a renderer.
+    """
+    labels = [method.label for method in matrix.methods if method.renderer]
+    if label is None and len(labels) == 1:
+        label = labels[0]
+    if label not in labels:
+        raise BadData(
+            f"--method {label!r}, expected a pose source with a renderer of the matrix"
+            f"{registry.nearest(label or '', labels)}"
+        )
+    predictor = build_method(matrix, label)
+    dataset = matrix.build_dataset(predictor.needs | needs)
+    num_clips = len(range(len(dataset))[:limit])
+    metrics = {
+        name: registry.build("frame_metrics", spec) for name, spec in matrix.frame_metrics.items()
+    }
+    return Method(label, predictor, matrix, dataset, num_clips, metrics)
 
 
 def error_budget(method: Method, progress: Progress) -> list[Table]:
@@ -34,75 +139,60 @@ def error_budget(method: Method, progress: Progress) -> list[Table]:
     if clip.moving is None:
         missing["dynamic objects"] = "masks of dynamic objects, as synthetic clips have"
     stages = [stage for stage in STAGES if stage not in missing]
-    nothing: Oracles = frozenset()
-    everything = frozenset(stages)
-    pairs = {}
+    nothing, everything = Oracles(), Oracles(stages)
+    pairs: Pairs = {}
     for number, stage in enumerate(stages):
-        before = frozenset(stages[:number])
-        pairs[stage, "alone"] = nothing, frozenset({stage})
-        pairs[stage, "one by one"] = before, before | {stage}
-        pairs[stage, "without"] = everything, everything - {stage}
-    scores = score(
-        method.clips(progress),
-        method.metrics,
-        {variant for pair in pairs.values() for variant in pair},
-        lambda clip: OracleClip(method, clip).frames,
-    )
-    changes: dict[str, dict[str, FloatArray]] = {stage: {} for stage in stages}
-    for (stage, column), (before, after) in pairs.items():
-        changes[stage][column] = scores.values[after] - scores.values[before]
-    levels = {"forecast": nothing, "truth": everything}
+        before = Oracles(stages[:number])
+        pairs[stage] = {
+            "alone": (nothing, Oracles({stage})),
+            "one by one": (before, before | {stage}),
+            "without": (everything, everything - {stage}),
+        }
     notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
-    return change_tables(method.title, scores, levels, changes, notes)
+    levels = {"forecast": nothing, "truth": everything}
+    return method.change_tables(
+        pairs, levels, lambda clip: method.with_truth(clip).frames, progress, notes
+    )
 
 
-def pose_sensitivity(
-    method: Method,
-    progress: Progress,
+def pose_sensitivity(method: Method, progress: Progress) -> list[Table]:
+    """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
+    exact = (0.0,) * 6
+    pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}
+
+    def prepare(clip: Clip) -> Predict:
+        oracle = method.with_truth(clip)
+        truth = Oracles(STAGES[:7])
+        poses = oracle.motion(truth).futures[0, oracle.steps]
+        real = oracle.target.frames[oracle.steps]
+        if not oracle.truth.past.is_metric:
+            raise Incompatible(f"{clip.name} has no metric poses: offsets are in metres")
+
+        def view(offset: tuple[float, ...]) -> tuple[ByteArray, ByteArray]:
+            cams = [se3.exp(sign * np.array(offset)) for sign in (-1, 1)]
+            frames = [oracle.render(truth, poses @ cam).frames for cam in cams]
+            return np.concatenate(frames), np.concatenate([real, real])
+
+        return view
+
+    notes = ["a change is the mean of those by the offset and by its opposite"]
+    return method.change_tables(pairs, {"no offset": exact}, prepare, progress, notes)
+
+
+def offsets(
     angles_deg: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0),
     shifts_m: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5),
-) -> list[Table]:
-    """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
-    exact = ("yaw", 0.0)
-    sizes = {axis: (shifts_m if axis in "xyz" else angles_deg) for axis in AXES}
-    offsets = [(axis, size) for axis in AXES for size in sizes[axis]]
-    scores = score(
-        method.clips(progress),
-        method.metrics,
-        [exact, *offsets, *((axis, -size) for axis, size in offsets)],
-        lambda clip: view_from_offsets(method, clip),
-    )
-    changes = {}
-    for axis, size in offsets:
-        negative, positive = (
-            scores.values[axis, offset] - scores.values[exact] for offset in (-size, size)
-        )
-        changes[f"{axis} {size:g} {'m' if axis in 'xyz' else 'deg'}"] = {
-            "both signs": (negative + positive) / 2,
-            "negative": negative,
-            "positive": positive,
-        }
-    return change_tables(method.title, scores, {"no offset": exact}, changes)
+) -> dict[str, tuple[float, ...]]:
+    """Return twists [6] of the future camera in metres and radians, by axis and size.
 
-
-def view_from_offsets(method: Method, clip: Clip) -> Predict[Offset]:
-    """Return the function that predicts a clip from offset poses."""
-    oracle = OracleClip(method, clip)
-    truth = frozenset(STAGES[:8])
-    poses = oracle.motion(truth).futures[0, oracle.steps]
-    if not oracle.truth.past.is_metric:
-        raise Incompatible(f"{clip.name} has no metric poses: offsets are in metres")
-
-    def view(offset: Offset) -> tuple[ByteArray, ByteArray]:
-        frames = oracle.render(truth, poses @ cam_from_offset(offset)).frames
-        return frames, oracle.target.frames[oracle.steps]
-
-    return view
-
-
-def cam_from_offset(offset: Offset) -> FloatArray:
-    """Return the pose [4, 4] of the offset camera in the frame of the exact one."""
-    axis, size = offset
-    twist = np.zeros(6)
-    twist[AXES.index(axis)] = size if axis in "xyz" else np.deg2rad(size)
-    return se3.exp(twist)
+    Positive ones are shifts to the right, down and forward; turns up, to the right and clockwise.
+    """
+    twists = {}
+    for number, axis in enumerate(("x", "y", "z", "pitch", "yaw", "roll")):
+        sizes, unit, factor = (shifts_m, "m", 1.0)
+        if number >= 3:
+            sizes, unit, factor = angles_deg, "deg", np.pi / 180
+        for size in sizes:
+            twist = factor * size * np.eye(6)[number]
+            twists[f"{axis} {size:g} {unit}"] = tuple(twist.tolist())
+    return twists

@@ -4,13 +4,12 @@ Errors of position and yaw are taken on the x-z plane of the last observed camer
 pitch and roll over the plane of the past motion.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.tables.formats import grid
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
@@ -27,9 +26,8 @@ Window = tuple[Trajectory, Trajectory]  # past and future
 Scores = Mapping[str, FloatArray]  # [N] by name
 
 
-def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
-    """Return the compared forecasters; the motion prior has these coefficients, if given."""
-    prior = MotionPrior(coefficients=coefficients)
+def forecasters() -> dict[str, Forecaster]:
+    """Return the compared forecasters."""
     return {
         "hold": Hold(),
         "constant velocity": ConstantVelocity(),
@@ -38,12 +36,12 @@ def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
         "CTRV, unscented": TurnRateUnscented(),
         "CTRA": AccelerationKalman(constants="acceleration"),
         "CTRA, damped": AccelerationKalman(),
-        "motion prior": prior,
-        "motion prior, representative": Representative(prior),
+        "motion prior": MotionPrior(),
+        "motion prior, representative": Representative(MotionPrior()),
     }
 
 
-def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
+def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
     """Return the trajectories folder/NN.txt; raise BadData for a wrong file.
 
     Times are those of folder/NN_times.txt or of folder/../sequences/NN/times.txt.
@@ -51,45 +49,38 @@ def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
     sequences = {}
     for name in names:
         times = folder / f"{name}_times.txt"
-        times_of_images = folder.parent / "sequences" / name / "times.txt"
-        if times_of_images.exists() and not times.exists():
-            times = times_of_images
+        if not times.exists():
+            times = folder.parent / "sequences" / name / "times.txt"
         times_s = pose_files.read_times(times)
         sequences[name] = pose_files.read_trajectory(folder / f"{name}.txt", times_s)
     return sequences
 
 
 def read_windows(
-    folder: Path, names: Sequence[str], num_past: int = 10, num_future: int = 20, stride: int = 5
+    folder: Path, names: Iterable[str], num_past: int = 10, num_future: int = 20, stride: int = 5
 ) -> list[Window]:
     """Return all windows of the named sequences; raise BadData if there is none."""
+    length = num_past + num_future
     windows = []
     for trajectory in read_sequences(folder, names).values():
-        for first in range(0, len(trajectory) - num_past - num_future + 1, stride):
-            window = trajectory[first : first + num_past + num_future]
+        for first in range(0, len(trajectory) - length + 1, stride):
+            window = trajectory[first : first + length]
             windows.append((window[:num_past], window[num_past:]))
     if not windows:
-        raise BadData(
-            f"{folder}: no sequence is as long as one window of {num_past + num_future} poses"
-        )
+        raise BadData(f"{folder}: no sequence is as long as one window of {length} poses")
     return windows
 
 
 def evaluate(
     windows: Sequence[Window],
-    compared: Mapping[str, Forecaster],
+    forecaster: Forecaster,
     progress: Progress,
     regions: Sequence[float] = (0.5, 0.9),
-) -> dict[str, Scores]:
-    """Return the scores of each forecaster on the same windows."""
-    pairs = [(name, window) for name in compared for window in windows]
-    rows: dict[str, list[dict[str, float]]] = {name: [] for name in compared}
-    for name, window in tracked(pairs, len(pairs), progress):
-        rows[name].append(window_scores(compared[name], *window, regions))
-    return {
-        name: {key: np.array([row[key] for row in each]) for key in each[0]}
-        for name, each in rows.items()
-    }
+) -> Scores:
+    """Return the scores of a forecaster on all windows."""
+    items = tracked(windows, len(windows), progress)
+    results = [window_scores(forecaster, *window, regions) for window in items]
+    return {name: np.array([scores[name] for scores in results]) for name in results[0]}
 
 
 def window_scores(
@@ -104,46 +95,44 @@ def window_scores(
     "best of N" is the minimum over the first N samples. "in 90%" is the fraction of true states
     inside the region of that probability.
     """
-
-    def states(world_from_cam: FloatArray) -> FloatArray:
-        level = planar.level_vehicle_from_cam()
-        return planar.reduce(world_from_cam, past.world_from_cam[-1], level)
-
-    truth = states(future.world_from_cam)
-    body_truth = over_plane(future.world_from_cam, past)
-    samples = forecaster.forecast(past, future.times_s, num_samples)
-    centre = forecaster.forecast(past, future.times_s)[0]
-    x_m, z_m, yaw_rad = (states(centre) - truth).T
-    height_m, pitch_rad, roll_rad = np.abs(over_plane(centre, past) - body_truth).T
-    errors = {
-        "position m": np.hypot(x_m, z_m),
-        "yaw deg": np.degrees(np.abs((yaw_rad + np.pi) % (2 * np.pi) - np.pi)),
-        "height m": height_m,
-        "pitch deg": np.degrees(pitch_rad),
-        "roll deg": np.degrees(roll_rad),
-    }
     last = len(future)
-    scores = {"ADE m": errors["position m"].mean(), "FDE m": errors["position m"][-1]}
-    for name, error in errors.items():
-        scores[name] = error.mean()
-        scores.update({f"{name} @{k}": error[k - 1] for k in (1, 10, last) if k <= last})
+    poses = future.world_from_cam
+    centre = forecaster.forecast(past, future.times_s)
+    samples = forecaster.forecast(past, future.times_s, num_samples)
+    truth = states(poses, past)
+    error = np.abs(states(centre[0], past) - truth)
+    position_m = np.hypot(error[:, 0], error[:, 1])
+    error[:, [2, 4, 5]] = np.degrees(error[:, [2, 4, 5]])
+    error[:, 2] = np.minimum(error[:, 2], 360 - error[:, 2])
+    scores = {"ADE m": position_m.mean(), "FDE m": position_m[-1]}
+    names = ("across m", "along m", "yaw deg", "height m", "pitch deg", "roll deg")
+    for name, values in zip(names, error.T, strict=True):
+        scores |= {name: values.mean(), f"{name} @1": values[0], f"{name} @{last}": values[-1]}
     scores["turned deg"] = np.degrees(np.unwrap(truth[:, 2])[-1])
     if (samples != samples[0]).any():
-        distances_m = np.linalg.norm((states(samples) - truth)[..., :2], axis=-1).mean(axis=1)
-        rotations_rad = se3.rotation_angle_rad(se3.inverse(future.world_from_cam) @ samples)
-        rotations_deg = np.degrees(rotations_rad).mean(axis=1)
+        offsets_m = (samples - poses)[..., :3, 3] @ past.world_from_cam[-1, :3, :3]
+        distances_m = np.linalg.norm(offsets_m[..., [0, 2]], axis=-1).mean(axis=1)
+        angles_rad = se3.rotation_angle_rad(se3.inverse(poses) @ samples).mean(axis=1)
         for count in (5, 10, 20):
             scores[f"ADE m, best of {count}"] = distances_m[:count].min()
-            scores[f"rotation deg, best of {count}"] = rotations_deg[:count].min()
+            scores[f"rotation deg, best of {count}"] = np.degrees(angles_rad[:count].min())
     if isinstance(forecaster, TurnRateKalman | MotionPrior):
         forecast = forecaster.distribution(past, future.times_s)
-        own = forecast.states_of(future.world_from_cam)
-        scores["NLL nats"] = -forecast.log_density(own[None]).mean()
-        for name, ranks in highest_density_ranks(forecast, own, body_truth).items():
+        on_plane = forecast.states_of(poses)
+        scores["NLL nats"] = -forecast.log_density(on_plane[None]).mean()
+        for name, ranks in highest_density_ranks(forecast, on_plane, truth[:, 3:]).items():
             for region in regions:
-                scores[f"{name} in {region:.0%}"] = (ranks <= region).mean()
-                scores[f"{name} in {region:.0%} @{last}"] = float(ranks[-1] <= region)
+                is_inside = ranks <= region
+                label = f"{name} in {region:.0%}"
+                scores |= {label: is_inside.mean(), f"{label} @{last}": float(is_inside[-1])}
     return scores
+
+
+def states(world_from_cam: FloatArray, past: Trajectory) -> FloatArray:
+    """Return (x, z, yaw, height, pitch, roll) [F, 6] of poses [F, 4, 4], in metres and radians."""
+    level = planar.level_vehicle_from_cam()
+    on_plane = planar.reduce(world_from_cam, past.world_from_cam[-1], level)
+    return np.hstack([on_plane, over_plane(world_from_cam, past)])
 
 
 def highest_density_ranks(
@@ -169,23 +158,11 @@ def highest_density_ranks(
 
 
 def summary(scores: Scores, turning_deg: float = 15.0) -> dict[str, float]:
-    """Return the means over windows, the median of the last yaw, and means over turning windows."""
+    """Return the means over windows, and those of ADE and yaw over turning windows."""
     averages = {name: float(values.mean()) for name, values in scores.items()}
-    *_, yaw = (name for name in scores if name.startswith("yaw deg @"))
-    averages[f"{yaw}, median"] = float(np.median(scores[yaw]))
     is_turning = np.abs(scores["turned deg"]) > turning_deg
     if is_turning.any():
-        for name in ("ADE m", yaw):
+        for name in ("ADE m", "yaw deg"):
             label = f"{name}, {is_turning.sum()} turning windows"
             averages[label] = float(scores[name][is_turning].mean())
     return averages
-
-
-def lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """Return summaries by forecaster as a Markdown table with a column per forecaster."""
-    names = dict.fromkeys(name for averages in table.values() for name in averages)
-    rows = [
-        [name, *(f"{row[name]:.3f}" if name in row else "-" for row in table.values())]
-        for name in names
-    ]
-    return grid([["", *table], *rows])

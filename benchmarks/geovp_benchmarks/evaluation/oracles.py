@@ -1,73 +1,59 @@
 """Predictions of a method with some of its stages replaced by ground truth.
 
-Future poses relative to the last observed one are split in the x-z plane of that camera: *path* is
-the curve on the plane and *speed* the distance along it; *height* is along y; *yaw* (right),
-*pitch* (up) and *roll* (clockwise) are the angles of R = Ry(yaw) Rx(pitch) Rz(roll).
+Future poses are relative to the last observed camera: *across*, *height* and *along* are positions
+on its axes x, y and z; *yaw* (right), *pitch* (up) and *roll* (clockwise) are the angles of
+R = Ry(yaw) Rx(pitch) Rz(roll).
 
-*Past poses* is the shape of the past, *scale* the metres per unit. With either of them from ground
-truth, the source forecasts again from the corrected past if its odometry can be replaced. True
-future positions are in the unit of the past, so that a common error of the scale affects only
-forecasters and depths in metres. True poses are the recorded ones, registered to all images.
+*Past* is the trajectory of the observed frames, in metres. With the true one, the source forecasts
+again if its odometry can be replaced. Without it, true future positions are in the unit of the
+estimated past. True poses are the recorded ones, registered to all images.
 
 *Holes* are pixels that even true poses do not show; *dynamic objects* are copied from the real
 frames, too. *Exposure* is the median ratio of grey levels.
 """
 
 import functools
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks.evaluation.variants import Method
 from geovp_classic.depth.given import Given
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource, PoseSource, Renderer, Scene
+from geovp_classic.odometry.recorded import Recorded
 from geovp_classic.pose_sources.chained import Chained
-from geovp_classic.pose_sources.planar import Planar
-from geovp_classic.pose_sources.refined import Refined
 from geovp_classic.pose_sources.registered import Registered
-from geovp_classic.rendering.exposure import ExposureEstimator
-from geovp_classic.types import (
-    BoolArray,
-    ByteArray,
-    Clip,
-    Context,
-    FloatArray,
-    Motion,
-    PrivilegedInput,
-    Trajectory,
-    Views,
-)
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.rendering.exposure import ToneCurve
+from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Motion, Trajectory, Views
 
 Oracles = frozenset[str]  # the stages from ground truth
-POSE_STAGES = ("speed", "path", "yaw", "pitch", "roll", "height")
-STAGES = (
-    *("past poses", "scale", *POSE_STAGES),
-    *("depth", "holes", "dynamic objects", "exposure"),
-)
+POSE_STAGES = ("across", "height", "along", "yaw", "pitch", "roll")
+STAGES = ("past", *POSE_STAGES, "depth", "holes", "dynamic objects", "exposure")
 
 
 class OracleClip:
     """One clip, predicted with any stages from ground truth; shared steps run once."""
 
-    def __init__(self, method: Method, clip: Clip) -> None:
+    def __init__(
+        self, predictor: GeometricPredictor, clip: Clip, num_past: int, steps: Sequence[int]
+    ) -> None:
         truth = Registered()
-        self.source = method.predictor.pose_source
-        self.renderer = method.predictor.renderer
+        self.source, self.renderer = predictor.pose_source, predictor.renderer
         self.true_depth = with_true_depth(self.renderer, clip) or self.renderer
-        needs = method.predictor.needs | truth.needs | self.true_depth.needs
-        self.context, self.target = clip.split(method.matrix.num_past, needs)
-        self.steps = np.array(method.steps)
-        self.truth = truth.estimate(self.context.only(truth.needs))
+        needs = predictor.needs | truth.needs | self.true_depth.needs
+        self.context, self.target = clip.split(num_past, needs)
+        self.steps = np.array(steps)  # of the future, to be scored
+        self.truth = truth.estimate(self.context)
         self.estimate = self.source.estimate(self.context.only(self.source.needs))
-        self.scale = metres_per_unit(self.estimate.past, self.truth.past)
-        self.forecast = functools.cache(self._forecast)
+        real, estimated = displacement(self.truth.past), displacement(self.estimate.past)
+        self.metres_per_unit = real / estimated if real and estimated else 1.0
         self.scene = functools.cache(self._scene)
         self.view = functools.cache(self._view)
 
@@ -77,14 +63,14 @@ class OracleClip:
         Frames with less than 10 % of covered pixels at true poses are left out. Raises
         Incompatible if there is no other frame.
         """
-        views = self.view(oracles.intersection(STAGES[:9]))
-        is_seen = self.view(frozenset(STAGES[:9])).covered
-        used = np.flatnonzero(is_seen.mean(axis=(1, 2)) >= 0.1)
-        if not len(used):
+        shown = Oracles(STAGES[:8])  # by the scene
+        is_seen = self.view(shown).covered
+        used = is_seen.mean(axis=(1, 2)) >= 0.1
+        if not used.any():
             raise Incompatible(f"{self.context.name}: the future shows nothing of the past")
-        steps = self.steps[used]
+        views = self.view(oracles & shown)
+        steps, frames = self.steps[used], views.frames[used]
         real = self.target.frames[steps]
-        frames = views.frames[used]
         if "exposure" in oracles:
             triples = zip(frames, real, views.covered[used], strict=True)
             frames = np.stack([matched_exposure(*triple) for triple in triples])
@@ -96,46 +82,37 @@ class OracleClip:
 
     def motion(self, oracles: Oracles) -> Motion:
         """Return the motion with these stages from ground truth."""
-        past = self.past(oracles)
         truth = last_from_future(self.truth)
-        truth[:, :3, 3] *= self.unit(oracles)
-        forecast = self.forecast(oracles & {"past poses", "scale"})
-        futures = past.world_from_cam[-1] @ mixed_poses(forecast, truth, oracles)
-        return Motion(past, futures[None], np.ones(len(past), dtype=bool))
+        if "past" in oracles:
+            motion, forecast = self.truth, self.forecast
+        else:
+            motion, forecast = self.estimate, last_from_future(self.estimate)
+            truth[:, :3, 3] /= self.metres_per_unit
+        futures = motion.past.world_from_cam[-1] @ mixed_poses(forecast, truth, oracles)
+        return replace(motion, futures=futures[None])
 
-    def unit(self, oracles: Oracles) -> float:
-        """Return the units of the past per metre."""
-        return 1.0 if "scale" in oracles else 1 / self.scale
-
-    def past(self, oracles: Oracles) -> Trajectory:
-        """Return the past with its poses or its scale from ground truth."""
-        past, factor = self.estimate.past, self.unit(oracles) * self.scale
-        if "past poses" in oracles:
-            past, factor = self.truth.past, self.unit(oracles)
-        poses = past.world_from_cam.copy()
-        poses[:, :3, 3] *= factor
-        is_metric = "scale" in oracles or self.estimate.past.is_metric
-        return Trajectory(poses, past.times_s, is_metric)
-
-    def _forecast(self, oracles: Oracles) -> FloatArray:
-        """Return the forecast from the past as last_from_cam [F, 4, 4]."""
-        source = with_past(self.source, self.past(oracles)) if oracles else None
-        if source is not None:
-            return last_from_future(source.estimate(self.context.only(source.needs)))
-        forecast = last_from_future(self.estimate)
-        forecast[:, :3, 3] *= self.unit(oracles) * self.scale
-        return forecast
+    @functools.cached_property
+    def forecast(self) -> FloatArray:
+        """Return the forecast from the true past as last_from_cam [F, 4, 4] in metres."""
+        source = with_recorded_past(self.source)
+        if source is None:
+            forecast = last_from_future(self.estimate)
+            forecast[:, :3, 3] *= self.metres_per_unit
+            return forecast
+        context = replace(self.context, past=self.truth.past)
+        return last_from_future(source.estimate(context.only(source.needs)))
 
     def _scene(self, oracles: Oracles) -> Scene:
         renderer = self.true_depth if "depth" in oracles else self.renderer
-        return renderer.reconstruct(self.context.only(renderer.needs), self.past(oracles))
+        past = self.motion(oracles).past
+        return renderer.reconstruct(self.context.only(renderer.needs), past)
 
     def _view(self, oracles: Oracles) -> Views:
         return self.render(oracles, self.motion(oracles).futures[0, self.steps])
 
     def render(self, oracles: Oracles, world_from_cam: FloatArray) -> Views:
         """Render the scene from poses [N, 4, 4] at the scored steps."""
-        scene = self.scene(oracles & {"past poses", "scale", "depth"})
+        scene = self.scene(oracles & {"past", "depth"})
         times_s = self.context.times_s[self.context.num_past + self.steps]
         return scene.view(world_from_cam, times_s, self.context.intrinsics)
 
@@ -150,57 +127,34 @@ def with_true_depth(renderer: Renderer, clip: Clip) -> Renderer | None:
     return None if clip.right is None else replace(component, depth=Stereo())
 
 
+def with_recorded_past(source: Any) -> PoseSource | None:
+    """Return the source with recorded poses as odometry; None if it has no odometry."""
+    if isinstance(source, Chained):
+        return replace(source, odometry=Recorded())
+    inner = with_recorded_past(source.source) if hasattr(source, "source") else None
+    return None if inner is None else replace(source, source=inner)
+
+
 def matched_exposure(
     predicted: ByteArray,  # [H, W, 3]
     real: ByteArray,  # [H, W, 3]
     covered: BoolArray,  # [H, W]
+    blur_px: float = 4.0,  # so that errors of the poses hardly count
 ) -> ByteArray:
-    """Return the predicted frame at the exposure of the real one, by a median over coarse cells."""
-    height, width = covered.shape
-    size_px = (max(1, width // 8), max(1, height // 8))
-    before, after, fraction = (
-        np.asarray(cv2.resize(image.astype(np.float32), size_px, interpolation=cv2.INTER_AREA))
-        for image in (pinhole.grey(predicted), pinhole.grey(real), covered)
-    )
-    limits = ExposureEstimator()
-    is_valid = fraction > 0.99
-    for image in (before, after):
-        is_valid &= (image > limits.min_grey) & (image < limits.max_grey)
-    if is_valid.sum() < 8:
+    """Return the predicted frame at the exposure of the real one: median ratio of grey values."""
+    if not covered.any():
         return predicted
-    log_gain = float(np.median(np.log(after[is_valid] / before[is_valid])))
-    return limits.tone_curve.apply(predicted, log_gain)
-
-
-def metres_per_unit(estimate: Trajectory, truth: Trajectory) -> float:
-    """Return the scale by least squares over distances to the last camera; 1 if stationary."""
-    ours, real = (
-        np.linalg.norm(path.world_from_cam[:-1, :3, 3] - path.world_from_cam[-1, :3, 3], axis=-1)
-        for path in (estimate, truth)
+    before, after = (
+        cv2.GaussianBlur(pinhole.grey(image), (0, 0), blur_px)[covered] + 1
+        for image in (predicted, real)
     )
-    return float(ours @ real / (ours @ ours)) if ours @ real > 0 else 1.0
+    return ToneCurve().apply(predicted, float(np.log(np.median(after / before))))
 
 
-@dataclass(frozen=True)
-class FixedOdometry:
-    """Odometry that returns a given trajectory."""
-
-    past: Trajectory
-    needs = PrivilegedInput.NONE
-
-    def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        """Return the trajectory, with all steps tracked."""
-        return self.past, np.ones(len(self.past), dtype=bool)
-
-
-def with_past(source: PoseSource, past: Trajectory) -> PoseSource | None:
-    """Return the source that forecasts from a past; None if its odometry cannot be replaced."""
-    if isinstance(source, Chained):
-        return replace(source, odometry=FixedOdometry(past))
-    if isinstance(source, (Refined, Planar)):
-        inner = with_past(source.source, past)
-        return None if inner is None else replace(source, source=inner)
-    return None
+def displacement(path: Trajectory) -> float:
+    """Return the distance between the first and the last camera."""
+    first, last = path.world_from_cam[[0, -1], :3, 3]
+    return float(np.linalg.norm(last - first))
 
 
 def last_from_future(motion: Motion) -> FloatArray:
@@ -214,31 +168,11 @@ def mixed_poses(
     oracles: Oracles,
 ) -> FloatArray:
     """Return last_from_cam [F, 4, 4] with some POSE_STAGES from ground truth."""
-    if oracles.isdisjoint(POSE_STAGES):
-        return forecast
-    if oracles.issuperset(POSE_STAGES):
-        return truth
-    poses = {name: truth if name in oracles else forecast for name in POSE_STAGES}
-    angles_rad = [
-        Rotation.from_matrix(poses[name][:, :3, :3]).as_euler("YXZ")[:, axis]
-        for axis, name in enumerate(("yaw", "pitch", "roll"))
-    ]
-    rotation = Rotation.from_euler("YXZ", np.stack(angles_rad, axis=-1)).as_matrix()
-    paced = np.diff(poses["speed"][:, [0, 2], 3], axis=0, prepend=0)
-    distances = np.cumsum(np.linalg.norm(paced, axis=-1))
-    position = poses["height"][:, :3, 3].copy()
-    position[:, [0, 2]] = points_along(poses["path"][:, [0, 2], 3], distances)
-    return se3.compose(rotation, position)
-
-
-def points_along(
-    path: FloatArray,  # [F, 2] as (x, z), from the origin
-    distances: FloatArray,  # [F]
-) -> FloatArray:
-    """Return the points [F, 2] at distances along the path, which continues straight ahead."""
-    corners = np.vstack([np.zeros(2), path])
-    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=-1)
-    at, first = np.unique(np.cumsum([0.0, *lengths]), return_index=True)
-    if len(at) == 1:
-        return np.outer(distances, [0, 1])
-    return np.asarray(make_interp_spline(at, corners[first], k=1)(distances))
+    mixed, true = (
+        np.hstack([poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_euler("YXZ")])
+        for poses in (forecast, truth)
+    )
+    is_true = [stage in oracles for stage in POSE_STAGES]
+    mixed[:, is_true] = true[:, is_true]
+    rotation = Rotation.from_euler("YXZ", mixed[:, 3:]).as_matrix()
+    return se3.compose(rotation, mixed[:, :3])

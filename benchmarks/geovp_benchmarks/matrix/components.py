@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import Spec
 from geovp_classic import registry
-from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
+from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra, UnknownComponent
+from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import PrivilegedInput
 
 
@@ -57,6 +59,19 @@ def build(role: str, name: str, spec: Spec) -> Any:
     except Exception as error:  # of a plug-in: its methods fail, the others go on
         return Failure.of(error)
     return component
+
+
+def build_method(matrix: Matrix, label: str) -> Any:
+    """Build the predictor of a method; UnknownComponent names the nearest label."""
+    methods = {method.label: method for method in matrix.methods}
+    if label not in methods:
+        nearest = registry.nearest(label, methods)
+        raise UnknownComponent(f"{matrix.name} has no method {label!r}{nearest}")
+    components = {
+        role: registry.build(key[0], matrix.specs[key], ".".join(key))
+        for role, key in methods[label].components.items()
+    }
+    return components.get("predictor") or GeometricPredictor(**components)
 
 
 def on_device(device: str | None) -> contextlib.AbstractContextManager[None]:

@@ -1,16 +1,15 @@
 """`geovp poses`: drift and files of sequences, errors of known wrong steps on clips."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks.evaluation.odometry import step_errors
+from geovp_benchmarks.evaluation.odometry import TrackedPath
 from geovp_classic.data import pose_files
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, Clip, Context, Intrinsics, PrivilegedInput, Trajectory
+from geovp_classic.types import Clip, Intrinsics, Trajectory
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import intrinsics_of
 
@@ -24,51 +23,52 @@ def drive(num_frames: int) -> Clip:
     return Clip("drive", frames, times_s, camera, Trajectory(poses, times_s, is_metric=True))
 
 
-@dataclass(frozen=True)
-class Skewed:
-    """Odometry with errors of 3 degrees, 10 % of the length, and 4 degrees to the right."""
-
-    is_metric: bool = True
-    needs = PrivilegedInput.NONE
-
-    def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        assert context.past is None
-        aside = np.radians(4)
-        step = se3.exp(np.array([0, 0, 0, 0, np.radians(3), 0]))
-        step[:3, 3] = 1.1 * np.array([np.sin(aside), 0, np.cos(aside)])
-        poses = np.stack([np.linalg.matrix_power(step, k) for k in range(context.num_past)])
-        is_tracked = np.arange(context.num_past) != 1
-        times_s = context.times_s[: context.num_past]
-        return Trajectory(poses, times_s, self.is_metric), is_tracked
+def skewed(is_metric: bool) -> TrackedPath:
+    """Return the drive with errors of 3 degrees and of 10 % of the length of each step."""
+    truth = drive(5).trajectory
+    assert truth is not None
+    step = se3.exp(np.array([0, 0, 0, 0, np.radians(3), 0]))
+    step[2, 3] = 1.1
+    poses = np.stack([np.linalg.matrix_power(step, k) for k in range(5)])
+    return TrackedPath(Trajectory(poses, truth.times_s, is_metric), np.ones(5, bool), truth)
 
 
 def test_wrong_steps_are_measured() -> None:
-    is_tracked, rotation, direction, length = step_errors(Skewed(), drive(6), num_past=5)
-    assert is_tracked.tolist() == [False, True, True, True]
-    np.testing.assert_allclose(rotation, [3.0] * 4)
-    np.testing.assert_allclose(direction, [4.0] * 4)
-    np.testing.assert_allclose(length, [10.0])
+    t_rel, r_rel, ate_m, rpe_m, rpe_deg = skewed(is_metric=True).errors("origin")
+    assert np.isnan([t_rel, r_rel]).all()  # four metres have no segment of 100 m
+    assert ate_m > np.sqrt(0.3 / 5)  # 0 to 0.4 m of length; the turn adds to it
+    assert rpe_m == pytest.approx(0.1)
+    assert rpe_deg == pytest.approx(3.0)
 
 
-def test_a_path_without_metres_has_no_length() -> None:
-    *_, length = step_errors(Skewed(is_metric=False), drive(6), num_past=5)
-    assert np.isnan(length).all()
+def test_a_path_without_metres_has_errors_at_a_fitted_scale_alone() -> None:
+    path = skewed(is_metric=False)
+    assert np.isnan(path.errors("origin")).all()
+    _, _, ate_m, _, rpe_deg = path.errors("sim3")
+    assert ate_m < 0.1  # the length is right, the turn is not
+    assert rpe_deg == pytest.approx(3.0)
 
 
-def test_the_command_prints_a_row_per_stretch(street: Path, printed: Says) -> None:
+def test_the_command_prints_a_table_per_stretch(street: Path, printed: Says) -> None:
     data = f'{{root = "{street}", stride = 2, size_px = [160, 160]}}'
     words = ["poses", data, "07[0:12)", "07[2:12)", "--clips", "8"]
-    head, *rows = printed(*words).splitlines()
-    assert "rotation (deg/frame)" in head
-    assert [row.split()[:2] for row in rows] == [["07[0:12)", "2"], ["07[2:12)", "1"]]
-    assert float(rows[0].split()[3]) < 0.2  # degrees a frame
+    lines = printed(*words).splitlines()
+    heads = [line for line in lines if not line.startswith(" ")]
+    assert heads == [
+        "07[0:12): 2 clips, 100.0% of frames tracked",
+        "07[2:12): 1 clips, 100.0% of frames tracked",
+    ]
+    sim3 = next(line.split() for line in lines if "sim3" in line)
+    assert float(sim3[5]) < 0.2  # degrees a frame
 
 
-@pytest.mark.parametrize(("name", "length"), [("tum", "0.0"), ("euroc", "0.0"), ("colmap", "-")])
+@pytest.mark.parametrize(
+    ("name", "origin"), [("tum", "0.0000"), ("euroc", "0.0000"), ("colmap", "-")]
+)
 def test_other_layouts_are_recognised_by_their_files(
     tmp_path: Path,
     name: str,
-    length: str,
+    origin: str,
     request: pytest.FixtureRequest,
     printed: Says,
     refused: Says,
@@ -80,8 +80,10 @@ def test_other_layouts_are_recognised_by_their_files(
     if name == "tum":
         data += f", intrinsics = {intrinsics_of(clip.intrinsics)}"
     words = ["a", "--clips", "4", "--odometry", "ground-truth"]
-    last = printed("poses", f"{{{data}}}", *words).splitlines()[-1]
-    assert last.split() == ["a[0:8)", "2", "100.0%", "0.0000", "0.00", length]
+    head, _, first, *_, last = printed("poses", f"{{{data}}}", *words).splitlines()
+    assert head == "a[0:8): 2 clips, 100.0% of frames tracked"
+    assert first.split()[-2:] == [origin, "-" if origin == "-" else "0.0000"]
+    assert last.split() == ["sim3", "-", "-", "0.00", "0.0000", "0.0000"]
     assert printed("doctor", tmp_path).splitlines()[1].startswith("a         8       32x32")
     assert "has no field 'colour'" in refused("poses", f"{{{data}, colour = 1}}", *words)
 
@@ -90,9 +92,9 @@ def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printe
     lines = printed("poses", street, "07[2:12)", "--out", tmp_path).splitlines()
     by_alignment = {words[0]: words[1:] for line in lines if (words := line.split())}
     assert {"origin", "scale", "se3", "sim3"} <= set(by_alignment)
-    # ten metres have no segment of 100 m
-    assert by_alignment["sim3"][:4] == ["too", "short", "too", "short"]
-    assert float(by_alignment["sim3"][4]) < 0.5  # ATE in metres
+    # Ten metres have no segment of 100 m.
+    assert by_alignment["sim3"][:2] == ["-", "-"]
+    assert float(by_alignment["sim3"][2]) < 0.5  # ATE in metres
     name = "07-000002-000012"
     poses = pose_files.read_kitti(tmp_path / f"{name}.kitti.txt")
     stamped = pose_files.read_trajectory(tmp_path / f"{name}.tum.txt")
@@ -105,8 +107,8 @@ def test_without_a_scale_no_metres_are_printed(street: Path, tmp_path: Path, pri
     odometry = '{name = "monocular", scale = "unit-speed"}'
     text = printed("poses", street, "07", "--odometry", odometry, "--out", tmp_path)
     rows = [line.split() for line in text.splitlines()]
-    assert ["origin", "no", "metric", "scale"] in [row[:4] for row in rows]
-    assert next(row for row in rows if row[:1] == ["sim3"])[5].replace(".", "").isdigit()
+    assert ["origin", *["-"] * 5] in rows
+    assert next(row for row in rows if row[:1] == ["sim3"])[3].replace(".", "").isdigit()
 
 
 @pytest.mark.parametrize(

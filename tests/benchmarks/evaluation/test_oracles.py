@@ -12,8 +12,6 @@ from geovp_benchmarks.evaluation.oracles import (
     mixed_poses,
     with_true_depth,
 )
-from geovp_benchmarks.evaluation.variants import Method
-from geovp_benchmarks.matrix import schema
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.forecasting.constant import ConstantVelocity
@@ -58,8 +56,9 @@ FORECAST, REAL = straight(1.0, (0.0, 0.0, 1.0)), turned_truth()
 
 
 def test_all_pose_stages_give_the_truth_and_none_the_forecast() -> None:
-    np.testing.assert_array_equal(mixed_poses(FORECAST, REAL, frozenset(POSE_STAGES)), REAL)
-    np.testing.assert_array_equal(mixed_poses(FORECAST, REAL, frozenset()), FORECAST)
+    everything = mixed_poses(FORECAST, REAL, frozenset(POSE_STAGES))
+    np.testing.assert_allclose(everything, REAL, atol=1e-12)
+    np.testing.assert_allclose(mixed_poses(FORECAST, REAL, frozenset()), FORECAST, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -81,18 +80,15 @@ def test_an_angle_turns_the_camera_in_place(
 def test_three_stages_are_the_rotation_and_three_the_position() -> None:
     turned = mixed_poses(FORECAST, REAL, frozenset({"yaw", "pitch", "roll"}))
     np.testing.assert_allclose(turned, se3.compose(REAL[:, :3, :3], FORECAST[:, :3, 3]), atol=1e-12)
-    moved = mixed_poses(FORECAST, REAL, frozenset({"speed", "path", "height"}))
+    moved = mixed_poses(FORECAST, REAL, frozenset({"across", "height", "along"}))
     np.testing.assert_allclose(moved, se3.compose(FORECAST[:, :3, :3], REAL[:, :3, 3]), atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("stage", "step"),
-    [
-        ("speed", (0, 0, 2)),  # straight ahead, also beyond the forecast's end at 4 m
-        ("path", (0.6, 0, 0.8)),  # 1 m a step along (0.6, 0.8)
-    ],
+    [("across", (1.2, 0, 1)), ("along", (0, 0, 1.6))],  # the truth makes 2 m along (0.6, 0.8)
 )
-def test_speed_and_path_are_separate(stage: str, step: tuple[float, ...]) -> None:
+def test_positions_along_and_across_are_separate(stage: str, step: tuple[float, ...]) -> None:
     positions = mixed_poses(FORECAST, REAL, frozenset({stage}))[:, :3, 3]
     np.testing.assert_allclose(positions, np.outer(range(1, 5), step), atol=1e-12)
 
@@ -135,21 +131,6 @@ class HalfCovered:
         return Views(frames.astype(np.uint8), covered, np.ones(shape, np.float32))
 
 
-MATRIX = schema.parse(
-    "toy",
-    {
-        "protocol": {
-            "dataset": {"name": "synthetic"},
-            "num_past": 5,
-            "num_future": 5,
-            "size_px": [64, 64],
-            "stride": 1,
-        },
-        "predictors": {"copy-last": "copy-last"},
-    },
-)
-
-
 def oracle_clip(source: Any, grey: int, z: Any, moving: BoolArray | None = None) -> OracleClip:
     """Return five observed frames, then future ones, of one grey value along z."""
     times_s = 0.1 * np.arange(len(z))
@@ -158,8 +139,7 @@ def oracle_clip(source: Any, grey: int, z: Any, moving: BoolArray | None = None)
     camera = Intrinsics(90.0, 90.0, 31.5, 31.5, 64, 64)
     trajectory = Trajectory(poses, times_s, True)
     clip = Clip("toy", frames, times_s, camera, trajectory, moving=moving)
-    predictor = GeometricPredictor(source, HalfCovered())
-    return OracleClip(Method("toy", predictor, MATRIX, [clip], 1, {}), clip)
+    return OracleClip(GeometricPredictor(source, HalfCovered()), clip, 5, [0, 4])
 
 
 def ahead(motion: Motion) -> FloatArray:
@@ -173,23 +153,19 @@ FASTER = [*range(5), 6, 8, 10, 12, 14]  # 1 m a step, then 2 m; black frames are
 
 
 @pytest.mark.parametrize("source", [SOURCE, Refined(SOURCE, ()), Planar(SOURCE)])
-def test_past_and_scale_give_a_new_forecast_in_their_unit(source: Any) -> None:
+def test_the_true_past_gives_a_new_forecast_in_metres(source: Any) -> None:
     clip = oracle_clip(source, 0, FASTER)
-    assert clip.scale == pytest.approx(2.0)
+    assert clip.metres_per_unit == pytest.approx(2.0)
     units = np.arange(-4, 6)
-    for oracles, factor in (((), 0.5), (["scale"], 1), (["past poses"], 0.5)):
-        np.testing.assert_allclose(
-            ahead(clip.motion(frozenset(oracles))), factor * units, atol=1e-9
-        )
-    both = clip.motion(frozenset({"past poses", "scale"}))
-    np.testing.assert_allclose(ahead(both), units, atol=1e-9)
+    np.testing.assert_allclose(ahead(clip.motion(frozenset())), 0.5 * units, atol=1e-9)
+    np.testing.assert_allclose(ahead(clip.motion(frozenset({"past"}))), units, atol=1e-9)
 
 
 def test_true_positions_are_in_the_unit_of_the_past() -> None:
     clip = oracle_clip(SOURCE, 0, FASTER)
-    fast = clip.motion(frozenset({"speed"}))  # 2 m a step are 1 unit
+    fast = clip.motion(frozenset({"along"}))  # 2 m a step are 1 unit
     np.testing.assert_allclose(ahead(fast)[5:], [1, 2, 3, 4, 5], atol=1e-9)
-    everything = clip.motion(frozenset({"past poses", "scale", *POSE_STAGES}))
+    everything = clip.motion(frozenset({"past", *POSE_STAGES}))
     np.testing.assert_allclose(ahead(everything), np.subtract(FASTER, 4), atol=1e-9)
 
 
