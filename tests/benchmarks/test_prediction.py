@@ -4,7 +4,6 @@ nothing behind.
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
 import cv2
@@ -18,12 +17,11 @@ from geovp_benchmarks import cli
 from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.plots import video
-from geovp_benchmarks.predict import exports, prediction, webcam
+from geovp_benchmarks.predict import exports, prediction
 from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic.data import pose_files
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
+from geovp_classic.types import FloatArray, Motion, Trajectory
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import write_images
 
@@ -121,7 +119,9 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     images: Path, tmp_path: Path
 ) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    request = PredictionRequest(
+        images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=(96, 96)
+    )
     predicted = prediction.predict(request)
     assert predicted.first == len(street.clip()) - 8
     assert len(predicted.actual) == 0
@@ -138,7 +138,8 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
         (f"{PINHOLE} --fps 10 --past 99", "99 must be seen"),
         (f"{PINHOLE} --fps 10 --past 8 --first 7", "last possible --first is"),
         (f"{PINHOLE} --fps 0", "expected a number of at least 0.02"),
-        (f"{PINHOLE} --fps 10 --fov 90", "keep one"),
+        (f"{PINHOLE} --fps 10 --predictor copy-last --renderer depth-fusion", "keep one"),
+        (f"{PINHOLE} --fps 10 --method copy-last", "belong together"),
         (f"{PINHOLE} --fps 10 --renderer depth-fushion", "did you mean 'depth-fusion'"),
         ("--fps 10 --distortion 0.1 0", "belongs to --intrinsics or --fov"),
     ],
@@ -149,6 +150,14 @@ def test_mistakes_get_one_sentence_and_leave_nothing(
     given = words if "--past" in words else f"{words} {' '.join(SHORT)}"
     assert says in refused("predict", images, *given.split(), "--out", tmp_path / "out")
     assert not any(tmp_path.iterdir())
+
+
+def test_two_sources_of_the_camera_are_refused(
+    images: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(predict(images, "--fov 90"))
+    assert "--fov: not allowed with argument --intrinsics" in capsys.readouterr().err
 
 
 def test_a_folder_with_something_in_it_is_not_written_over(
@@ -169,7 +178,9 @@ def test_what_breaks_in_the_middle_leaves_nothing(
 
     monkeypatch.setattr(exports.video, "write_gif", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    request = PredictionRequest(
+        images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64)
+    )
     predicted = prediction.predict(request)
     with pytest.raises(OSError, match="No space left on device"):
         exports.write(predicted, tmp_path / "out")
@@ -197,7 +208,7 @@ def test_a_camera_by_its_angle_or_its_file(
 
 
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
-    request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64))
     predicted = prediction.predict(request)
     assert predicted.camera.source == "assumed"
     assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
@@ -209,7 +220,7 @@ def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     images: Path, cx_px: float, angle_deg: float
 ) -> None:
     request = PredictionRequest(
-        images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96
+        images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=(96, 96)
     )
     predicted = prediction.predict(request)
     assert prediction.off_axis_deg(predicted.prediction.motion) == pytest.approx(angle_deg, abs=4.5)
@@ -224,7 +235,7 @@ def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None
         image[-20:] = (90, 40, 30)
         cv2.imwrite(str(tmp_path / path.name), image)
     request = PredictionRequest(
-        tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=96
+        tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=(96, 96)
     )
     predicted = prediction.predict(request)
     assert predicted.about()["scene_mask_fraction"] == pytest.approx(20 / 128, abs=0.01)
@@ -246,8 +257,8 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     about = json.loads((written / "predict.json").read_text())
     assert about["camera"]["source"] == "given"
     assert about["camera"]["intrinsics"]["fx_px"] == CAMERA.fx_px
-    assert about["frames"] == {"first": 0, "observed": 8, "predicted": 3}
-    assert about["settings"]["size_px"] == 96
+    assert [about[name] for name in ("first", "observed", "predicted")] == [0, 8, 3]
+    assert about["settings"]["size_px"] == [96, 96]
     assert about["predictor"]["pose_source"]["name"] == "refined"
     assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
     assert about["code"] == code_hash([street])  # all of its components are of this package
@@ -257,27 +268,27 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     predicted = cv2.imread(str(written / "frames" / "000008.png")).astype(float)
     real = cv2.resize(street.clip().frames[8][..., ::-1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((predicted - real) ** 2))
-    assert about["scores"]["psnr"][0] == pytest.approx(psnr, abs=0.01)
+    assert about["scores"]["predicted"]["psnr"][0][0] == pytest.approx(psnr, abs=0.01)
     copied = cv2.imread(str(written / "seen" / "000007.png")).astype(float)
     copy_psnr = 10 * np.log10(255**2 / np.mean((copied - real) ** 2))
-    assert about["copy_last_scores"]["psnr"][0] == pytest.approx(copy_psnr, abs=0.01)
-    assert len(about["scores"]["psnr"]) == 2  # of 3 predicted frames, 2 are recorded
+    assert about["scores"]["copy-last"]["psnr"][0][0] == pytest.approx(copy_psnr, abs=0.01)
+    assert (
+        len(about["scores"]["predicted"]["psnr"][0]) == 2
+    )  # of 3 predicted frames, 2 are recorded
 
 
 @pytest.mark.parametrize(
-    ("asked", "width_px", "height_px", "expected"),
+    ("width_px", "height_px", "expected"),
     [
-        (None, 1920, 1080, (640, 360)),
-        (None, 1242, 375, (640, 194)),  # 193.2 made even
-        (None, 321, 240, (320, 240)),
-        (256, 1920, 1080, (256, 256)),
-        ((640, 300), 1920, 1080, (640, 300)),
+        (1920, 1080, (640, 360)),
+        (1242, 375, (640, 194)),  # 193.2 made even
+        (321, 240, (320, 240)),
     ],
 )
 def test_frames_keep_the_aspect_unless_a_size_is_given(
-    asked: int | tuple[int, int] | None, width_px: int, height_px: int, expected: tuple[int, int]
+    width_px: int, height_px: int, expected: tuple[int, int]
 ) -> None:
-    assert output_size(asked, width_px, height_px) == expected
+    assert output_size(width_px, height_px) == expected
 
 
 def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command: Command) -> None:
@@ -369,33 +380,6 @@ def test_a_slow_turn_is_no_sign_of_a_wrong_principal_point(
     past = Trajectory(poses, times_s, is_metric=True)
     motion = Motion(past, poses[None], np.ones(10, bool))
     assert prediction.off_axis_deg(motion) == pytest.approx(unexplained_deg, abs=0.5)
-
-
-class Webcam:
-    """A camera that shows the street, as fast as it is asked."""
-
-    def __init__(self, number: int) -> None:
-        self.step, self.number = 0, number
-
-    def read(self) -> tuple[bool, ByteArray | None]:
-        self.step += 1
-        return (self.number == 0, street.clip().frames[self.step % 10][..., ::-1].copy())
-
-    def release(self) -> None:
-        self.step = -1
-
-
-def test_a_webcam_is_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
-    seconds = iter(0.05 * np.arange(1000))  # 20 Hz, of which every second frame is taken
-    monkeypatch.setattr(
-        webcam, "cv2", SimpleNamespace(VideoCapture=Webcam, cvtColor=cv2.cvtColor, COLOR_BGR2RGB=4)
-    )
-    monkeypatch.setattr(webcam, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
-    recording = webcam.record(0, 3)
-    np.testing.assert_allclose(recording.times_s, [0, 0.1, 0.2])
-    np.testing.assert_array_equal(recording.frames.read(1), street.clip().frames[3])
-    with pytest.raises(BadData, match="webcam 1 gives no frames"):
-        webcam.record(1, 3)
 
 
 LENS = (-0.2, 0.03, 0.002, -0.001)  # k1, k2, p1, p2: straight lines bulge outwards

@@ -122,7 +122,7 @@ def spec(text: str) -> dict[str, Any] | str:
         raise argparse.ArgumentTypeError(f"{text} is not a table as in TOML ({error})") from error
 
 
-def size_px(text: str) -> int | tuple[int, int]:
+def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
     width, _, height = text.partition("x")
-    return (positive(width), positive(height)) if height else positive(width)
+    return positive(width), positive(height or width)

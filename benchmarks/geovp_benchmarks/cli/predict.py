@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.arguments import at_least
 from geovp_benchmarks.cli.messages import logger
 from geovp_benchmarks.cli.options import add, add_flag, add_group, add_shared
 from geovp_benchmarks.progress import announce, progress_bar
@@ -21,14 +22,14 @@ from geovp_benchmarks.progress import announce, progress_bar
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the input, the camera, the prediction and the output."""
-    add(parser, "path", "INPUT", "Video, folder of images, or number of a webcam.", type=Path)
+    add(parser, "path", "INPUT", "Video or folder of images.", type=Path)
     group = add_group(parser, "input")
     text = "Frame rate; required for a folder. Default: that of the video."
     add(group, "--fps", "X", text, dest="rate_hz")
     text = "Number of the first observed frame. Default: the latest possible."
     add(group, "--first", "NUMBER", text, type=int)
     text = "Number of observed frames. Default: 10."
-    add(group, "--past", "N", text, 10, dest="num_past")
+    add(group, "--past", "N", text, 10, dest="num_past", type=at_least(2))
     text = "Image that is nonzero where no scene is shown. Default: detected."
     add(group, "--mask", "FILE", text)
     add_flag(group, "--full", "Use uncropped frames. Default: their middle.", dest="with_full")
@@ -54,12 +55,13 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add the intrinsics and the height of the camera."""
     text = "Give at most one of --intrinsics, --fov and --calibration."
     group = parser.add_argument_group("camera", text)
+    source = group.add_mutually_exclusive_group()
     text = "FX FY CX CY in pixels of the stored images. Default: estimated from the motion."
-    add(group, "--intrinsics", "X", text, nargs=4)
+    add(source, "--intrinsics", "X", text, nargs=4)
     text = "Horizontal field of view in degrees. Default: estimated from the motion."
-    add(group, "--fov", "X", text, dest="fov_deg")
+    add(source, "--fov", "X", text, dest="fov_deg", type=at_least(1, float))
     text = "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file."
-    add(group, "--calibration", "FILE", text)
+    add(source, "--calibration", "FILE", text)
     text = "OpenCV coefficients k1 k2 [p1 p2 [k3 [k4 k5 k6]]]. Default: no distortion."
     add(group, "--distortion", "X", text, nargs="+")
     text = "Height above the road in metres, for metric results. Default: unknown."
@@ -71,13 +73,9 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.predict import exports, prediction
     from geovp_benchmarks.predict.request import PredictionRequest
     from geovp_classic import registry
-    from geovp_classic.errors import BadData
 
     if args.out is not None:
         exports.check_free(args.out)
-    if (args.matrix is None) != (args.method is None):
-        raise BadData("--matrix and --method belong together: give both or neither")
-    args.method = args.matrix and (args.matrix, args.method)
     values: dict[str, Any] = {}
     for field in dataclasses.fields(PredictionRequest):
         value = getattr(args, field.name)

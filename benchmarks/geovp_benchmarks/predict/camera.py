@@ -27,8 +27,8 @@ class Camera:
     @property
     def fov_deg(self) -> float:
         """Return the horizontal field of view in degrees."""
-        camera = self.intrinsics
-        return float(np.degrees(2 * np.arctan(camera.width_px / 2 / camera.fx_px)))
+        ratio = self.intrinsics.width_px / self.intrinsics.fx_px
+        return float(np.degrees(2 * np.arctan(ratio / 2)))
 
 
 def find_camera(
@@ -38,10 +38,10 @@ def find_camera(
 ) -> tuple[Camera, Recording]:
     """Return the camera from the best available source, and the images without distortion."""
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
-    file, source, interval_px = request.path, "given", None
+    source, interval_px = "given", None
     if request.calibration is not None:
-        file, source = request.calibration, "calibration file"
-        lens = read_camera(file, request.path, (width_px, height_px))
+        source = "calibration file"
+        lens = read_camera(request.calibration, request.path, (width_px, height_px))
     else:
         numbers = request.intrinsics
         if numbers is None:
@@ -49,7 +49,7 @@ def find_camera(
             numbers = (focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2)
         intrinsics = Intrinsics(*numbers, width_px, height_px)
         lens = DistortedCamera(intrinsics, "FULL_OPENCV", request.distortion or ())
-    view = common_pinhole([lens], file)
+    view = common_pinhole([lens], request.calibration or request.path)
     frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
     camera = Camera(view, source, lens.distortion, interval_px)
     return camera, replace(recording, frames=frames, intrinsics=view)
@@ -62,24 +62,20 @@ def _focal_length(
     assumed_fov_deg: float = 70.0,  # roughly that of a phone or a dashboard camera
 ) -> tuple[float, str, tuple[float, float] | None]:
     """Return the focal length in pixels, its source, and its 90 % interval if it is estimated."""
-    width_px = recording.intrinsics.width_px
-    if fov_deg is not None:
-        return _focal_of_fov(fov_deg, width_px), "field of view", None
-    if isinstance(recording.frames, FrameFiles):
-        focal_px = exif_focal_px(recording.frames.paths[0])
-        if focal_px is not None:
-            return focal_px, "EXIF data", None
-    size_px = output_size(None, width_px, recording.intrinsics.height_px, max_side_px=1280)
-    estimate = FocalLengthEstimator().estimate(_windows(recording, num_observed, size_px))
-    scale = size_px[0] / width_px
-    if estimate is not None and estimate.is_sure:
-        interval_px = (estimate.low_px / scale, estimate.high_px / scale)
-        return estimate.focal_px / scale, "motion", interval_px
-    return _focal_of_fov(assumed_fov_deg, width_px), "assumed", None
-
-
-def _focal_of_fov(fov_deg: float, width_px: int) -> float:
-    return float(width_px / 2 / np.tan(np.radians(fov_deg) / 2))
+    width_px, source = recording.intrinsics.width_px, "field of view"
+    if fov_deg is None:
+        if isinstance(recording.frames, FrameFiles):
+            focal_px = exif_focal_px(recording.frames.paths[0])
+            if focal_px is not None:
+                return focal_px, "EXIF data", None
+        size_px = output_size(width_px, recording.intrinsics.height_px, max_side_px=1280)
+        estimate = FocalLengthEstimator().estimate(_windows(recording, num_observed, size_px))
+        if estimate is not None and estimate.is_sure:
+            scale = width_px / size_px[0]
+            interval_px = (estimate.low_px * scale, estimate.high_px * scale)
+            return estimate.focal_px * scale, "motion", interval_px
+        fov_deg, source = assumed_fov_deg, "assumed"
+    return width_px / 2 / np.tan(np.radians(fov_deg) / 2).item(), source, None
 
 
 def _windows(
@@ -90,11 +86,10 @@ def _windows(
     max_rate_hz: float = 10.0,
 ) -> Iterator[list[ByteArray]]:
     """Yield windows of grey images, evenly spaced over the observed frames."""
-    rate_hz = 1 / float(np.median(np.diff(recording.times_s)))
-    stride = max(1, round(rate_hz / max_rate_hz))
+    step_s = float(np.median(np.diff(recording.times_s)))
+    stride = max(1, round(1 / step_s / max_rate_hz))
     span = min(FocalLengthEstimator.window * stride, num_observed)
     num_windows = max(1, min(max_windows, 2 * num_observed // span - 1))
     for first in np.linspace(0, num_observed - span, num_windows).astype(int):
-        steps = range(first, first + span, stride)
-        frames = (recording.frames.read(step) for step in steps)
+        frames = map(recording.frames.read, range(first, first + span, stride))
         yield [pinhole.grey8(pinhole.resize(frame, size_px)) for frame in frames]

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.predict.colmap_model import build_model
@@ -16,14 +16,8 @@ from geovp_benchmarks.predict.prediction import Predicted
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.errors import BadData
+from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.types import FloatArray, Motion, Trajectory
-
-
-def write(predicted: Predicted, folder: Path) -> list[Path]:
-    """Write all files and return their paths; the folder appears only when it is complete."""
-    with atomic_write(folder) as scratch:
-        _write_all(predicted, scratch)
-    return sorted(folder.iterdir())
 
 
 def check_free(folder: Path) -> None:
@@ -32,14 +26,33 @@ def check_free(folder: Path) -> None:
         raise BadData(f"--out {folder} holds something already: give another folder, or remove it")
 
 
+def write(predicted: Predicted, folder: Path) -> list[Path]:
+    """Write all files and return their paths; the folder appears only when it is complete."""
+    context, prediction = predicted.context, predicted.prediction
+    motion, scene = prediction.motion, predicted.scene
+    # Numbered as in the recording.
+    names = [f"{predicted.first + step:06d}.png" for step in range(len(context.times_s))]
+    past_names, future_names = names[: context.num_past], names[context.num_past :]
+    with atomic_write(folder) as scratch:
+        write_images(scratch / "seen", past_names, context.frames)
+        for sample, frames in enumerate(prediction.frames):
+            images = _sample_folder(scratch, sample) if sample else scratch / "frames"
+            write_images(images, future_names, frames)
+        _write_videos(predicted, scratch)
+        if motion is not None:
+            _write_poses(motion, context.times_s, scratch)
+        if motion is not None and scene is not None:
+            _write_scene(predicted, scene, motion, names, scratch)
+        about = json.dumps(predicted.about(), indent=2, default=_plain)
+        (scratch / "predict.json").write_text(about + "\n")
+    return sorted(folder.iterdir())
+
+
 def write_images(folder: Path, names: Sequence[str], images: npt.NDArray[Any]) -> None:
     """Write RGB images [N, H, W, 3] or depth maps [N, H, W] as PNG."""
     folder.mkdir(parents=True, exist_ok=True)
-    if images.ndim == 4:
-        images = images[..., ::-1]
     for name, image in zip(names, images, strict=True):
-        content = cv2.imencode(".png", np.ascontiguousarray(image))[1]
-        (folder / name).write_bytes(content.tobytes())
+        Image.fromarray(image).save(folder / name)
 
 
 def write_depths(
@@ -64,28 +77,19 @@ def write_depths(
     (folder / "scale.txt").write_text(text)
 
 
-def _write_all(predicted: Predicted, folder: Path) -> None:
-    context, prediction = predicted.context, predicted.prediction
-    # numbered as in the recording
-    names = [f"{predicted.first + step:06d}.png" for step in range(len(context.times_s))]
-    future = names[context.num_past :]
-    write_images(folder / "seen", names[: context.num_past], context.frames)
-    for sample, frames in enumerate(prediction.frames):
-        images = folder / "samples" / f"{sample:03d}" if sample else folder / "frames"
-        write_images(images, future, frames)
-    _write_videos(predicted, folder)
-    if prediction.motion is not None:
-        _write_poses(prediction.motion, context.times_s, folder)
-        _write_scene(predicted, prediction.motion, names, folder)
-    about = json.dumps(predicted.about(), indent=2, default=str)
-    (folder / "predict.json").write_text(about + "\n")
+def _plain(value: object) -> object:
+    """Return a value that JSON has no form for as lists and numbers, or as text."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
+
+
+def _sample_folder(folder: Path, sample: int) -> Path:
+    return folder / "samples" / f"{sample:03d}" if sample else folder
 
 
 def _write_videos(predicted: Predicted, folder: Path) -> None:
     observed, frames = predicted.context.frames, predicted.prediction.frames[0]
-    copies = observed[[-1] * len(frames)]
-    rows = {"predicted": frames, "real": predicted.actual, "copy-last": copies}
-    write_images(folder, ["strip.png"], video.film_strip(rows)[None])
+    strip = video.film_strip({**predicted.shown, "real": predicted.actual})
+    write_images(folder, ["strip.png"], strip[None])
     film = video.film(observed, frames, predicted.actual)
     rate_hz = 1 / float(np.mean(np.diff(predicted.context.times_s)))
     if importlib.util.find_spec("av"):  # an extra; the gif shows the same
@@ -98,30 +102,29 @@ def _write_poses(motion: Motion, times_s: FloatArray, folder: Path) -> None:
     for sample, future in enumerate(motion.futures):
         poses = np.concatenate([motion.past.world_from_cam, future])
         path = Trajectory(poses, times_s, motion.past.is_metric)
-        target = folder / "samples" / f"{sample:03d}" if sample else folder
+        target = _sample_folder(folder, sample)
         pose_files.write_kitti(target / "poses.kitti.txt", path)
         pose_files.write_tum(target / "poses.tum.txt", path)
 
 
-def _write_scene(predicted: Predicted, motion: Motion, names: Sequence[str], folder: Path) -> None:
-    """Write depth maps, the cloud and the COLMAP model of the first sample, if there is a scene."""
-    scene, context, past = predicted.scene, predicted.context, motion.past
-    if scene is None:
-        return
-    camera = context.intrinsics
+def _write_scene(
+    predicted: Predicted, scene: CheckedScene, motion: Motion, names: Sequence[str], folder: Path
+) -> None:
+    """Write depth maps, the cloud and the COLMAP model of the first sample."""
+    context, past, future = predicted.context, motion.past, motion.futures[0]
     past_s, future_s = np.split(context.times_s, [context.num_past])
-    views = scene.view(motion.futures[0], future_s, camera)
-    future = names[context.num_past :]
-    write_depths(folder / "depths", future, views.depths, is_metric=past.is_metric)
+    depths = scene.view(future, future_s, context.intrinsics).depths
+    future_names = names[context.num_past :]
+    write_depths(folder / "depths", future_names, depths, is_metric=past.is_metric)
     # At one instant, so that dynamic objects leave no trails.
-    views = scene.scene.view(past.world_from_cam, np.full_like(past_s, past_s[-1]), camera)
-    poses = np.concatenate([past.world_from_cam, motion.futures[0]])
-    model = build_model(camera, names, poses, views)
+    now_s = np.full_like(past_s, past_s[-1])
+    views = scene.scene.view(past.world_from_cam, now_s, context.intrinsics)
+    poses = np.concatenate([past.world_from_cam, future])
+    model = build_model(context.intrinsics, names, poses, views)
     if model.num_points3D():
         model.export_PLY(folder / "cloud.ply")
-    colmap = folder / "colmap"
     frames = np.concatenate([context.frames, predicted.prediction.frames[0]])
-    write_images(colmap / "images", names, frames)
-    sparse = colmap / "sparse" / "0"
+    write_images(folder / "colmap" / "images", names, frames)
+    sparse = folder / "colmap" / "sparse" / "0"
     sparse.mkdir(parents=True)
     model.write_binary(str(sparse))

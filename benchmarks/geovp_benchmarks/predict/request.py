@@ -1,14 +1,13 @@
 """Request for the prediction of one clip."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.matrix.components import on_device
+from geovp_benchmarks.matrix.components import build_method, on_device
 from geovp_classic import registry
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.geometric import GeometricPredictor
 
@@ -17,9 +16,9 @@ Spec = dict[str, Any] | str
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """Input of `predict`; BadData for options that exclude each other."""
+    """Input of `predict`."""
 
-    path: Path  # a folder of images, a video, or the number of a webcam
+    path: Path  # a folder of images or a video
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy of stored images
     fov_deg: float | None = None  # horizontal
     calibration: Path | None = None
@@ -29,41 +28,39 @@ class PredictionRequest:
     first: int | None = None  # first observed frame; None: as late as possible
     num_past: int = 10
     num_future: int = 20
-    size_px: tuple[int, int] | int | None = None  # one number: the side of a square
+    size_px: tuple[int, int] | None = None  # None: the video's aspect
     with_full: bool = False  # use the whole images, not only their middle
     pose_source: Spec | None = None
     renderer: Spec | None = None
     predictor: Spec | None = None
-    method: tuple[str, str] | None = None  # a matrix and the label of one of its methods
+    matrix: Path | None = None  # of the method
+    method: str | None = None
     num_samples: int = 1
     mask: Path | None = None
     device: str | None = None
 
-    def __post_init__(self) -> None:
-        cameras = {
-            "--intrinsics": self.intrinsics,
-            "--fov": self.fov_deg,
-            "--calibration": self.calibration,
-        }
-        _check_alternatives(cameras)
-        components = self.pose_source or self.renderer
-        predictors = {
-            "--method": self.method,
-            "--predictor": self.predictor,
-            "--pose-source or --renderer": components,
-        }
-        _check_alternatives(predictors)
-        if self.distortion is not None and self.intrinsics is None and self.fov_deg is None:
-            raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
-        if self.fov_deg is not None and not 0 < self.fov_deg < 170:
-            raise BadData(f"--fov is {self.fov_deg:g}: give degrees between 0 and 170")
-        if self.num_past < 2:
-            raise BadData("--past 1 shows no motion: give 2 or more frames")
-
     def build(self) -> FramePredictor:
-        """Build the predictor; by default refined odometry with a forecast, and depth fusion."""
+        """Build the predictor; by default refined odometry with a forecast, and depth fusion.
+
+        Raises BadData for options that exclude each other.
+        """
+        if (self.matrix is None) != (self.method is None):
+            raise BadData("--matrix and --method belong together: give both or neither")
+        alternatives = (self.method, self.predictor, self.pose_source or self.renderer)
+        if sum(each is not None for each in alternatives) > 1:
+            raise BadData(
+                "--method, --predictor, and --pose-source with --renderer exclude each other: keep "
+                "one of them"
+            )
+        if self.distortion and not (self.intrinsics or self.fov_deg):
+            raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
         with on_device(self.device):
-            predictor = self._build()
+            if self.matrix is not None and self.method is not None:
+                predictor = build_method(schema.read(self.matrix), self.method)
+            elif self.predictor is not None:
+                predictor = registry.build("predictors", self.predictor, "--predictor")
+            else:
+                predictor = self._build_geometric()
         if self.mask is None:
             return predictor
         if not isinstance(predictor, GeometricPredictor):
@@ -71,12 +68,7 @@ class PredictionRequest:
             raise BadData(f"--mask needs a pose source and a renderer, {name} has none")
         return replace(predictor, observer=replace(predictor.observer, mask=self.mask))
 
-    def _build(self) -> FramePredictor:
-        if self.method is not None:
-            return _of_method(*self.method)
-        if self.predictor is not None:
-            built: FramePredictor = registry.build("predictors", self.predictor, "--predictor")
-            return built
+    def _build_geometric(self) -> GeometricPredictor:
         frames = "full" if self.with_full else "crop"
         scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
         odometry = {"name": "monocular", "frames": frames, "scale": scale}
@@ -92,33 +84,7 @@ class PredictionRequest:
         )
 
 
-def output_size(
-    size_px: tuple[int, int] | int | None, width_px: int, height_px: int, max_side_px: int = 640
-) -> tuple[int, int]:
-    """Return width and height of predicted frames; by default even, in the video's aspect."""
-    if isinstance(size_px, int):
-        return size_px, size_px
-    if size_px is not None:
-        return size_px
+def output_size(width_px: int, height_px: int, max_side_px: int = 640) -> tuple[int, int]:
+    """Return an even width and height in a video's aspect, at most as large as the video."""
     scale = min(1.0, max_side_px / max(width_px, height_px))
     return max(2, 2 * round(width_px * scale / 2)), max(2, 2 * round(height_px * scale / 2))
-
-
-def _check_alternatives(options: Mapping[str, object]) -> None:
-    """Raise BadData unless at most one of the options is given."""
-    given = [option for option, value in options.items() if value is not None]
-    if len(given) > 1:
-        raise BadData(f"{' and '.join(given)} are given, expected at most one: keep one of them")
-
-
-def _of_method(file: str, label: str) -> FramePredictor:
-    """Build a method of a matrix; UnknownComponent names the nearest one."""
-    matrix = schema.read(Path(file))
-    plans = {plan.label: plan for plan in matrix.methods}
-    if label not in plans:
-        raise UnknownComponent(f"{file} has no method {label!r}{registry.nearest(label, plans)}")
-    components = [
-        registry.build(role, matrix.specs[role, name], f"{file}: {name}")
-        for role, name in plans[label].components.values()
-    ]
-    return GeometricPredictor(*components) if len(components) > 1 else components[0]
