@@ -4,6 +4,8 @@
 from the crop or from uncropped frames.
 """
 
+import time
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +18,6 @@ from geovp_classic.pose_sources.refined import Refined
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Context, Prediction
-from performance import cpu_s
 
 Frames = Literal["crop", "full"]
 
@@ -29,18 +30,18 @@ def predictor(frames: Frames) -> GeometricPredictor:
 
 def stages(method: GeometricPredictor, context: Context) -> tuple[Prediction, dict[str, float]]:
     """Predict as the predictor does; return the seconds of each step as well."""
-    results: dict[str, Any] = {}
-    steps = {
-        "observe": lambda: method.observe(context),
-        "estimate": lambda: method.estimate(results["observe"]),
-        "reconstruct": lambda: method.reconstruct(results["observe"], results["estimate"].past),
-        "show": lambda: show(results["reconstruct"], results["estimate"], context),
-    }
-    seconds = {
-        name: cpu_s(lambda name=name, step=step: results.update({name: step()}))
-        for name, step in steps.items()
-    }
-    return results["show"], seconds
+    seconds: dict[str, float] = {}
+
+    def timed(name: str, step: Callable[..., Any], *inputs: Any) -> Any:
+        start_s = time.process_time()
+        result = step(*inputs)
+        seconds[name] = time.process_time() - start_s
+        return result
+
+    observed = timed("observe", method.observe, context)
+    motion = timed("estimate", method.estimate, observed)
+    scene = timed("reconstruct", method.reconstruct, observed, motion.past)
+    return timed("show", show, scene, motion, context), seconds
 
 
 def lines(rounds: int, kitti: tuple[str, str] | None, frames: Frames) -> list[str]:

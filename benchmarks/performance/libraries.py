@@ -65,7 +65,7 @@ class Scene:
 
     @property
     def all_points(self) -> BoolArray:
-        """A mask [N] of all points."""
+        """Return a mask [N] of all points."""
         return np.ones(len(self.points), dtype=bool)
 
 
@@ -101,10 +101,11 @@ def resection(scene: Scene) -> Problem:
     options = pycolmap.AbsolutePoseRefinementOptions(
         loss_function_scale=scene.noise, gradient_tolerance=1e-9
     )
-    known = (scene.with_outliers, scene.points, scene.all_points, camera, options)
+    arguments = (scene.with_outliers, scene.points, scene.all_points, camera, options)
 
     def rival() -> FloatArray:
-        return matrix_of(pycolmap.refine_absolute_pose(rigid(guess), *known)["cam_from_world"])
+        solution: Any = pycolmap.refine_absolute_pose(rigid(guess), *arguments)
+        return matrix_of(solution["cam_from_world"])
 
     def ours() -> FloatArray:
         return refine_pose(scene.points, scene.with_outliers, guess, scene.noise)
@@ -119,10 +120,11 @@ def relative_pose(scene: Scene) -> Problem:
     guess = se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001])) @ truth
     guess[:3, 3] /= np.linalg.norm(guess[:3, 3])
     rays = (scene.rays[0], scene.with_outliers)
-    known = (*map(directions, rays), scene.all_points)
+    before, after = map(directions, rays)
 
     def rival() -> FloatArray:
-        return matrix_of(pycolmap.refine_relative_pose(rigid(guess), *known)["cam2_from_cam1"])
+        solution: Any = pycolmap.refine_relative_pose(rigid(guess), before, after, scene.all_points)
+        return matrix_of(solution["cam2_from_cam1"])
 
     def ours() -> FloatArray:
         return refine(*rays, guess, scene.noise)

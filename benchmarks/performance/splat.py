@@ -9,7 +9,7 @@ import numpy as np
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.rendering.patches import PatchModel, concatenate
 from geovp_classic.rendering.source import Source
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 from performance import Comparison
 
 
@@ -42,7 +42,7 @@ def comparison(num_views: int = 20) -> Comparison:
 
 def project_by_open3d(
     points: FloatArray,  # [N, 3]
-    colours: FloatArray,  # [N, 3]
+    colours: ByteArray,  # [N, 3]
     world_from_cam: FloatArray,  # [F, 4, 4]
     camera: Intrinsics,
 ) -> FloatArray:

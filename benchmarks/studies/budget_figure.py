@@ -46,6 +46,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
                 )
         panels[0].set_yticks(places, stages)
         panels[0].invert_yaxis()
-        panels[0].legend()
+        handles = panels[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper center", ncols=len(handles[0]))
         figure.savefig(args.figure)
     yield from map(markdown, tables)

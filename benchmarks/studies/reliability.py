@@ -27,28 +27,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Draw the diagram of damped CTRA and the motion prior on the test sequences."""
-    known = forecasting.forecasters()
-    compared = {name: known[name] for name in ("CTRA, damped", "motion prior")}
+    forecasters = forecasting.forecasters()
     test = ("03", "05", "06", "07", "10")
     windows = forecasting.read_windows(args.poses, test, stride=args.stride)
     probabilities = [round(0.05 * k, 2) for k in range(1, 20)]
     scores = {
-        name: forecasting.evaluate(windows, each, progress, probabilities)
-        for name, each in compared.items()
+        name: forecasting.evaluate(windows, forecasters[name], progress, probabilities)
+        for name in ("CTRA, damped", "motion prior")
     }
     with mpl.style.context(style.SHEET):
-        figure = Figure(figsize=(8.5, 1.9), dpi=style.PRINT_DPI, layout="constrained")
+        figure = Figure(figsize=(8.5, 2.1), dpi=style.PRINT_DPI, layout="constrained")
         panels = figure.subplots(1, 5, sharey=True)
         names = ("x, z, yaw", "height", "pitch", "roll", "all six")
         for axes, title in zip(panels, names, strict=True):
             axes.plot([0, 1], [0, 1], color=style.FAINT, linewidth=0.8)
             axes.set(title=title, xlabel="probability", aspect="equal")
-            for name, each in scores.items():
-                inside = [
-                    each[f"{title} in {probability:.0%}"].mean() for probability in probabilities
-                ]
-                axes.plot(probabilities, inside, label=name)
+            for (name, each), dash in zip(scores.items(), ("-", "--"), strict=True):
+                inside = [each[f"{title} in {region:.0%}"].mean() for region in probabilities]
+                axes.plot(probabilities, inside, dash, label=name)
         panels[0].set_ylabel("fraction of true states inside")
-        panels[0].legend()
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
         figure.savefig(args.figure)
     yield f"{len(windows)} windows of {', '.join(test)}: {args.figure}"

@@ -88,7 +88,8 @@ def _sample_folder(folder: Path, sample: int) -> Path:
 
 def _write_videos(predicted: Predicted, folder: Path) -> None:
     observed, frames = predicted.context.frames, predicted.prediction.frames[0]
-    strip = video.film_strip({**predicted.shown, "real": predicted.actual})
+    rows = {"predicted": frames, "real": predicted.actual} | predicted.shown
+    strip = video.film_strip(rows)
     write_images(folder, ["strip.png"], strip[None])
     film = video.film(observed, frames, predicted.actual)
     rate_hz = 1 / float(np.mean(np.diff(predicted.context.times_s)))

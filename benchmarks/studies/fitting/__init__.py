@@ -2,28 +2,20 @@
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
+from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `run`."""
-    parser.add_argument(
-        "model",
-        choices=("motion-prior", "body-motion", "kalman"),
-        help="What to fit. The first two write MODEL.npz, the last prints its constants.",
-    )
-    parser.add_argument(
-        "poses", type=Path, metavar="POSES_DIR", help="Folder of NN.txt and NN_times.txt."
-    )
-    parser.add_argument(
-        "--sequences",
-        nargs="+",
-        default=["00", "02", "08", "09"],
-        metavar="NN",
-        help="Sequences of KITTI odometry. Default: 00 02 08 09.",
-    )
+    """Add the model and the pose files."""
+    text = "What to fit. The first two write MODEL.npz, the last prints its constants."
+    models = ("motion-prior", "body-motion", "kalman")
+    parser.add_argument("model", choices=models, help=text)
+    add(parser, "poses", "FOLDER", "Folder of NN.txt and NN_times.txt.")
+    sequences = ["00", "02", "08", "09"]
+    text = f"Sequences of KITTI odometry. Default: {' '.join(sequences)}."
+    add(parser, "--sequences", "NN", text, sequences, nargs="+")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
@@ -46,5 +38,5 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         arrays = body_motion.fit(joined(sequences))
     else:
         arrays = motion_prior.arrays_of(motion_prior.PriorFit().fit(sequences))
-    np.savez(f"{args.model}.npz", **arrays)
+    np.savez(f"{args.model}.npz", allow_pickle=False, **arrays)
     yield f"written to {args.model}.npz"

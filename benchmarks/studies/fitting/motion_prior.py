@@ -60,8 +60,8 @@ class Ensemble:
         network = Network(mean, features.std(axis=0) + 1e-6, self.limit, *arrays)
         inputs = torch.from_numpy(network.standardised(features))
         goals = torch.from_numpy(targets)
-        groups = [{"params": weights}, {"params": biases, "weight_decay": 0.0}]
-        optimizer = torch.optim.AdamW(groups, self.learning_rate, weight_decay=self.weight_decay)
+        optimizer = torch.optim.AdamW(weights, self.learning_rate, weight_decay=self.weight_decay)
+        optimizer.add_param_group({"params": biases, "weight_decay": 0.0})
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimizer, self.learning_rate, self.num_steps, pct_start=0.15, cycle_momentum=False
         )
