@@ -1,11 +1,13 @@
 """The command line as users meet it: what is printed, what is written, and the exit codes."""
 
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import pytest
 
 from geovp_benchmarks import cli
@@ -66,6 +68,31 @@ class TestRun:
         assert ended.code == 1
         assert re.search(r"^- other: (failed|skipped)", ended.out, re.MULTILINE)
         assert "1 of 3 methods are not done" in ended.err
+
+    def test_a_method_without_scores_is_named_with_the_reason(
+        self, tmp_path: Path, command: Command, refused: Says
+    ) -> None:
+        command(*run(tmp_path, other={"name": "toy-broken"}))
+        for option in ("--methods", "--against"):
+            said = refused("table", tmp_path / "out", option, "other")
+            assert "other has no scores: failed: ZeroDivisionError: the road ended" in said
+
+    def test_sigterm_is_handled_as_before_afterwards(self, tmp_path: Path, printed: Says) -> None:
+        before = signal.getsignal(signal.SIGTERM)
+        printed(*run(tmp_path))
+        assert signal.getsignal(signal.SIGTERM) is before
+
+    def test_all_scores_are_exported_as_one_table(self, tmp_path: Path, printed: Says) -> None:
+        printed(*run(tmp_path))
+        num_rows = sum(len(rows(tmp_path / "out", name)) for name in ("steady--slide", "still"))
+        for ending in ("csv", "parquet"):
+            path = tmp_path / f"scores.{ending}"
+            printed("export", tmp_path / "out", "--format", ending, "--out", path)
+            scores = duckdb.sql(f"SELECT * FROM '{path}'")
+            assert scores.columns == ["method", "clip", "sample", "step", "metric", "value"]
+            assert len(scores) == num_rows
+            query = "SELECT value FROM scores WHERE method = 'still' AND clip = 'road/003'"
+            assert duckdb.sql(query).fetchall() == [(1.0,), (2.0,)]
 
     def test_limit_keep_workers_and_root(self, tmp_path: Path, printed: Says) -> None:
         printed(

@@ -37,7 +37,7 @@ def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> 
 def test_a_shared_step_keeps_its_peak() -> None:
     shared, usages = SharedSteps(), (Usage(), Usage(), Usage())
     for usage in usages[:2]:
-        shared.get(lambda: hold(LARGE_MB), usage, "reconstruct")
+        shared.get(usage, "reconstruct", (), lambda: hold(LARGE_MB))
     for usage in usages:
         with usage.measure("view"):
             hold(1)

@@ -177,11 +177,10 @@ def _recompute(pair: Pair, matrix: Matrix) -> Scores:
     index = pair.results.protocol()["clips"].index(pair.clip)
     fingerprints = {matrix.methods[0]: pair.method.fingerprint}
     task = Task(matrix.to_json(), pair.results.root, index, pair.clip, fingerprints)
-    [(_, rows, part)] = score_clip(task)
-    for clip, (_, reason, _) in part.failures.items():
-        if clip not in pair.part.failures:
-            raise GeovpError(reason)
-    return _scores(rows)
+    [scores] = score_clip(task)
+    if scores.failure and pair.clip not in pair.part.failures:
+        raise GeovpError(scores.failure[1])
+    return _scores(scores.rows)
 
 
 def _scores(rows: Rows) -> Scores:

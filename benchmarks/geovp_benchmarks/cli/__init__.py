@@ -11,8 +11,8 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from types import ModuleType
 from typing import Any
 
@@ -27,6 +27,7 @@ COMMANDS = (
     "plot",
     "report",
     "compare",
+    "export",
     "view",
     "predict",
     "poses",
@@ -95,9 +96,6 @@ def add_command(commands: Any, name: str, module: ModuleType) -> argparse.Argume
 def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | None = None) -> int:
     """Run the command of a line, by default one of `geovp`, and return the exit code."""
     open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # file names may lack a character of the terminal
-            stream.reconfigure(errors="backslashreplace")
     parser = parser or command_line()
     if "_ARGCOMPLETE" in os.environ:  # the shell completes a line
         import argcomplete
@@ -106,34 +104,27 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
     args, rest = verbosity().parse_known_args(words)
     parser.parse_args(rest, args)
     args.words = rest
-    with suppress(ValueError):  # not the main thread
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with messages(args.quiet, args.verbose):
-        return execute(args)
-
-
-def execute(args: argparse.Namespace) -> int:
-    """Run the command; report in one sentence what a user can act on."""
-    try:
-        code = int(args.run(args))
-        sys.stdout.flush()
-        return code
-    except GeovpError as error:
-        logger.info("error raised here", exc_info=True)
-        logger.error(textwrap.shorten(str(error), 2000))
-        return 2
-    except KeyboardInterrupt:
-        logger.error("interrupted: finished work is kept, rerun to continue")
-        return 130
-    except BrokenPipeError:  # such as `| head`
-        discard_output()
-        return 0
-    except OSError as error:
-        place = error.filename or "a file"
-        advice = "fix the path or make room and rerun, finished work is kept"
-        logger.error(f"{error.strerror or error}: {place}: {advice}")
-        discard_output()
-        return 2
+    with messages(args.quiet, args.verbose), sigterm_as_interrupt():
+        try:
+            code = int(args.run(args))
+            sys.stdout.flush()
+            return code
+        except GeovpError as error:
+            logger.info("error raised here", exc_info=True)
+            logger.error(textwrap.shorten(str(error), 2000))
+            return 2
+        except KeyboardInterrupt:
+            logger.error("interrupted: finished work is kept, rerun to continue")
+            return 130
+        except OSError as error:
+            with suppress(OSError, ValueError):  # so that Python can close standard output
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            if isinstance(error, BrokenPipeError):  # such as `| head`
+                return 0
+            place = error.filename or "a file"
+            advice = "fix the path or make room and rerun, finished work is kept"
+            logger.error(f"{error.strerror or error}: {place}: {advice}")
+            return 2
 
 
 def open_closed_streams() -> None:
@@ -143,9 +134,20 @@ def open_closed_streams() -> None:
     os.close(number)
     sys.stdout = sys.stdout or os.fdopen(1, "w")
     sys.stderr = sys.stderr or os.fdopen(2, "w")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # file names may lack a character of the terminal
+            stream.reconfigure(errors="backslashreplace")
 
 
-def discard_output() -> None:
-    """Send the rest of standard output to the null device, so that Python can close it."""
-    with suppress(OSError, ValueError), open(os.devnull, "w") as null:
-        os.dup2(null.fileno(), sys.stdout.fileno())
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGTERM; restore the handler afterwards."""
+    try:
+        previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    except ValueError:  # not the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)

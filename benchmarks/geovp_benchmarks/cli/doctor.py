@@ -9,6 +9,7 @@ Examples:
 """
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
 from geovp_benchmarks.cli.options import add, add_flag, add_group
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from geovp_classic.data.doctor import Doctor
 
     if any((args.root / name).exists() for name in ("protocol.json", "datasets.json")):
-        findings = examine_results(args.root)
+        findings = [*examine_results(args.root)]
         advice = "`geovp run` with the same matrix computes what is missing"
         print(*findings, advice if findings else "nothing is missing", sep="\n")
         return int(bool(findings))
@@ -45,23 +46,20 @@ def run(args: argparse.Namespace) -> int:
     return int(not diagnosis.is_sound)
 
 
-def examine_results(root: Path) -> list[str]:
-    """Return which scores a results folder lacks, and its damaged files."""
+def examine_results(root: Path) -> Iterator[str]:
+    """Yield which scores a results folder lacks, and its damaged files."""
     from geovp_benchmarks.results.store import Results
 
-    findings = []
     for label, results in Results(root).by_dataset().items():
         clips = results.protocol()["clips"]
         for name in results.protocol()["methods"]:
             method = results.method(name)
-            if method is not None and method.status == "skipped":
-                continue
-            stored = {clip for scores in results.parts(name) for clip in scores.clips}
+            stored = {clip for part in results.parts(name) for clip in part.clips}
             missing = [clip for clip in clips if clip not in stored]
-            if missing:
-                findings.append(
+            if missing and (method is None or method.status != "skipped"):
+                yield (
                     f"{Path(label, name)}: scores of {len(missing)} of {len(clips)} clips are "
                     f"missing, such as {missing[0]}"
                 )
-            findings += [f"{path} is damaged" for path in results.damaged_parts(name)]
-    return findings
+            for path in results.damaged_parts(name):
+                yield f"{path} is damaged"

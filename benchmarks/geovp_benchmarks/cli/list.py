@@ -46,17 +46,18 @@ def run(args: argparse.Namespace) -> int:
 
     if args.name == "protocols":
         print(protocols.TABLES.read_text("utf-8"))
-    elif args.name is None or args.name in registry.ROLES:
+        return 0
+    if args.name is None or args.name in registry.ROLES:
         for role in [args.name] if args.name else registry.ROLES:
             print(role)
             for entry in sorted(metadata.entry_points(group=f"geovp.{role}")):
                 print(f"  {summary(entry)}")
-    else:
-        roles = [role for role in registry.ROLES if args.name in registry.names(role)]
-        if not roles:
-            nearest = registry.nearest(args.name, words())
-            raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
-        print(*(as_toml(role, args.name) for role in roles), sep="\n\n")
+        return 0
+    roles = [role for role in registry.ROLES if args.name in registry.names(role)]
+    if not roles:
+        nearest = registry.nearest(args.name, words())
+        raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
+    print(*(as_toml(role, args.name) for role in roles), sep="\n\n")
     return 0
 
 
@@ -92,7 +93,7 @@ def missing_package(module: str) -> str:
 
 
 def source(module: str) -> str:
-    """Return the source of a module, without importing it; an empty text if there is none."""
+    """Return the source of a module, without importing it; "" for a package."""
     package, *names = module.split(".")
     spec = importlib.util.find_spec(package)
     path = Path(spec.origin or "") if spec else Path()
@@ -107,6 +108,7 @@ def as_toml(role: str, name: str) -> str:
     from geovp_classic.types import PrivilegedInput
 
     kind = registry.load(role, name)
+    (entry,) = metadata.entry_points(group=f"geovp.{role}", name=name)
     settings: dict[str, Any] = {}
     lines = [f"{name} ({role})", "", *(inspect.getdoc(kind) or "").splitlines()]
     with suppress(GeovpError):  # a required field, or missing weights
@@ -115,23 +117,21 @@ def as_toml(role: str, name: str) -> str:
         needs = getattr(component, "needs", PrivilegedInput.NONE)
         inputs = [str(flag.name).lower().replace("_", " ") for flag in needs]
         lines.append(f"privileged inputs: {', '.join(inputs) or 'none'}")
-    (entry,) = metadata.entry_points(group=f"geovp.{role}", name=name)
-    package = f" of {entry.dist.name} {entry.dist.version}" if entry.dist else ""
-    lines = [f"# {line}".rstrip() for line in [*lines, f"from {entry.value}{package}"]]
+    lines.append(f"from {entry.value} of {entry.dist.name if entry.dist else 'no package'}")
+    lines = [f"# {line}".rstrip() for line in lines]
     if role in ("pose_sources", "renderers", "predictors"):  # tables of a matrix file
         lines.append(f"[{role}.{name}]")
     lines.append(f'name = "{name}"')
     sources = "".join(inspect.getsource(parent) for parent in reversed(kind.__mro__[:-1]))
-    comments = dict(re.findall(r"^\s+(\w+): .*?  # (.+)$", sources, re.MULTILINE))
-    for field in dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ():
+    comments = dict(re.findall(r"^\s+(\w+): .*?(  # .+)$", sources, re.MULTILINE))
+    for field in dataclasses.fields(kind):
         value = settings.get(field.name, field.default)
         if value is dataclasses.MISSING is not field.default_factory:
             value = field.default_factory()
         line = f"{field.name} = {toml_value(value)}"
         if value is dataclasses.MISSING:
             line = f"# {field.name} =   (required)"
-        comment = comments.get(field.name)
-        lines.append(f"{line}  # {comment}" if comment else line)
+        lines.append(line + comments.get(field.name, ""))
     return "\n".join(lines)
 
 
@@ -142,8 +142,7 @@ def toml_value(value: Any) -> str:
     if dataclasses.is_dataclass(value):
         value = registry.describe(value)
     if isinstance(value, dict):
-        items = ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items())
-        return f"{{{items}}}"
+        return f"{{{', '.join(f'{key} = {toml_value(item)}' for key, item in value.items())}}}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, (bool, str)):

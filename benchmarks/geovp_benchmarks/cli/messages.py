@@ -26,14 +26,14 @@ def messages(is_quiet: bool, is_verbose: bool) -> Iterator[None]:
     """Print the log of our packages while a command runs."""
     level = logging.ERROR if is_quiet else logging.INFO if is_verbose else logging.WARNING
     handler = StandardError(level)
-    names = ("geovp_classic", "geovp_benchmarks", "geovp_learned")
-    for package in map(logging.getLogger, names):
+    packages = [logging.getLogger(f"geovp_{name}") for name in ("classic", "benchmarks", "learned")]
+    for package in packages:
         package.addHandler(handler)
         package.setLevel(level)
     try:
         yield
     finally:
-        for package in map(logging.getLogger, names):
+        for package in packages:
             package.removeHandler(handler)
             package.setLevel(logging.NOTSET)
 

@@ -108,8 +108,7 @@ def executor(text: str) -> dict[str, Any]:
     """Return the table of an executor for a number of processes or the address of a scheduler."""
     if ":" in text:
         return {"name": "dask", "address": text}
-    workers = positive(text)
-    return {"name": "processes", "workers": workers} if workers > 1 else {"name": "serial"}
+    return {"name": "serial"} if text == "1" else {"name": "processes", "workers": positive(text)}
 
 
 def spec(text: str) -> dict[str, Any] | str:

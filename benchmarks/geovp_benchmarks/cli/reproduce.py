@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = add_group(parser, "output")
     add(group, "--out", "DIR", "Folder for the results. Default: results/NAME.")
     add_shared(group, "--keep")
-    parser.set_defaults(fresh=False)
+    parser.set_defaults(fresh=False, dry_run=False)
 
 
 def run(args: argparse.Namespace) -> int:

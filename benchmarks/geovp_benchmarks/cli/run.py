@@ -1,8 +1,8 @@
 """Compute the missing results of a matrix.
 
-A run can be interrupted at any moment; the same command continues it. --keep worst:METRIC (also
-median and best) keeps three clips by the scores of the first complete method, and
-worst:METRIC:METHOD by those of METHOD; all methods predict these clips once more.
+A run can be interrupted at any moment; the same command continues it. --keep worst:METRIC and
+best:METRIC keep three clips by the scores of the first complete method; all methods predict these
+clips once more.
 
 Examples:
   geovp run demo
@@ -24,7 +24,6 @@ from geovp_benchmarks.progress import announce, progress_bar
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
-    from geovp_benchmarks.running.plan import Options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,55 +44,47 @@ def run(args: argparse.Namespace) -> int:
         announce("starting")
         from geovp_benchmarks.results.store import Results
         from geovp_benchmarks.running import multiple_datasets
-        from geovp_benchmarks.running.dry_run import dry_run
-        from geovp_classic.data.atomic import write_bytes
+        from geovp_benchmarks.tables import formats
 
         matrices = multiple_datasets.read(args.matrix, args.root, args.set)
     root = args.out or Path("results") / args.matrix.stem
-    if args.dry_run:
-        for label, matrix in matrices.items():
-            workers = args.workers.get("workers", 1)
-            with progress_bar(matrix.name, "predictions") as progress:
-                options = options_of(args)
-                plan = dry_run(matrix, Results(root / label), options, workers, progress)
-            print(*plan, sep="\n")
-        return 0
-    results = Results(root)
-    results.write_datasets([*matrices])
+    if not args.dry_run:
+        Results(root).write_datasets([*matrices])
     codes = []
     for label, matrix in matrices.items():
-        dataset = Results(root / label)
-        methods = compute(args, matrix.with_device(args.device), dataset)
-        codes.append(conclude(dataset, methods, not args.no_report))
+        results = Results(root / label)
+        methods = compute(args, matrix.with_device(args.device), results)
+        if not args.dry_run:
+            codes.append(conclude(results, methods, not args.no_report))
     if len(codes) > 1:
-        table = multiple_datasets.side_by_side(results)
-        write_bytes(results.tables / "datasets.md", table.encode())
-        print(multiple_datasets.side_by_side(results, terminal_width()))
-    return max(codes)
+        table = multiple_datasets.side_by_side(Results(root))
+        formats.write_all(Results(root), [table])
+        print(formats.markdown(table, terminal_width()))
+    return max(codes, default=0)
 
 
 def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[Method]:
-    """Compute the missing results of a data set, and return its methods."""
-    from geovp_benchmarks.running import run
+    """Compute the missing results of a data set, and return its methods; or print a dry run."""
+    from geovp_benchmarks.running.dry_run import dry_run
+    from geovp_benchmarks.running.plan import Options
+    from geovp_benchmarks.running.run import run
     from geovp_classic import registry
 
-    archived = results.set_aside()
-    executor = registry.build("executors", args.workers)
+    options = Options(args.limit, args.keep, args.fresh)
     with progress_bar(matrix.name, "predictions") as progress:
-        methods = run.run(matrix, results, options_of(args), executor, progress)
+        if args.dry_run:
+            lines = dry_run(matrix, results, options, args.workers.get("workers", 1), progress)
+            print(*lines, sep="\n")
+            return []
+        archived = results.set_aside()
+        executor = registry.build("executors", args.workers)
+        methods = run(matrix, results, options, executor, progress)
     if results.set_aside() - archived:
         logger.warning(
             f"settings changed: earlier results are in {results.root / 'earlier'}, and a run with "
             "the earlier settings restores them"
         )
     return methods
-
-
-def options_of(args: argparse.Namespace) -> Options:
-    """Return the options of a run."""
-    from geovp_benchmarks.running.plan import Options
-
-    return Options(args.limit, args.keep, args.fresh)
 
 
 def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> int:
@@ -116,16 +107,14 @@ def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> 
 
 def exit_code(methods: Sequence[Method]) -> int:
     """Log how many methods are incomplete, and return 1 if any are."""
-    count = len(methods)
     if outdated := sum(method.num_outdated > 0 for method in methods):
         logger.warning(
-            f"{outdated} of {count} methods have scores of another version of the code, see below "
-            "the table: `geovp run --fresh` recomputes them"
+            f"{outdated} of {len(methods)} methods have scores of another version of the code: "
+            "`geovp run --fresh` recomputes them"
         )
-    undone = sum(method.status != "done" for method in methods)
-    if undone:
-        logger.error(f"{undone} of {count} methods are not done: see below the table")
-    partial = sum(method.num_failed > 0 for method in methods if method.status == "done")
-    if partial:
-        logger.error(f"{partial} of {count} methods failed on some clips: see below the table")
-    return int(undone + partial > 0)
+    if incomplete := sum(method.status != "done" or method.num_failed > 0 for method in methods):
+        logger.error(
+            f"{incomplete} of {len(methods)} methods are not done, or failed on some clips: see "
+            "below the table"
+        )
+    return int(incomplete > 0)

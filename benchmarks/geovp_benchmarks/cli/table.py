@@ -11,8 +11,8 @@ Examples:
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import shlex
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
@@ -50,28 +50,27 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.tables import formats
 
     results = Results(args.folder)
-    datasets = list(results.by_dataset().values())
-    if args.page is not None and (args.format != "md" or len(datasets) > 1):
-        raise BadData("--page is for one data set, as md: leave --format out, or give its folder")
+    datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
-    tables[0] = dataclasses.replace(tables[0], label=args.label, caption=args.caption)
+    tables[0] = replace(tables[0], label=args.label, caption=args.caption)
+    if len(datasets) > 1:
+        tables.append(multiple_datasets.side_by_side(results))
     if args.format == "json":
-        print(formats.as_json(tables))
-        return 0
-    width = None if args.page else terminal_width()
-    if args.format == "md":
-        texts = [formats.markdown(table, width) for table in tables]
+        text = formats.as_json(tables)
+    elif args.format == "md":
+        width = None if args.page else terminal_width()
+        text = "\n".join(formats.markdown(table, width) for table in tables)
     else:
-        texts = [formats.FORMATS[args.format](table) for table in tables]
-    if args.format == "md" and len(datasets) > 1:
-        texts.append(multiple_datasets.side_by_side(results, width))
-    print(*texts, sep="\n")
+        text = "\n".join(map(formats.FORMATS[args.format], tables))
+    print(text)
     if args.page is not None:
+        if args.format != "md":
+            raise BadData("--page is written as md: leave --format out")
         protocol = results.protocol()
-        versions = [f"{name} {version}" for name, version in protocol["versions"].items()]
-        origin = f"`geovp table --page`; computed with {', '.join(versions)}"
+        versions = ", ".join(map(" ".join, protocol["versions"].items()))
+        origin = f"`geovp table --page`; computed with {versions}"
         commands = [f"geovp run {protocol['name']}", shlex.join(["geovp", *args.words])]
-        formats.write_page(args.page, protocol["name"], commands, origin, "\n".join(texts))
+        formats.write_page(args.page, protocol["name"], commands, origin, text)
     return 0
 
 
@@ -83,11 +82,16 @@ def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
 
     if args.paper is not None:
         return published.build(results, args.paper)
+    choice = Choice(args.methods, args.metrics)
     groups = [results] if args.by is None else strata.divide(results, args.by)
-    shown = {"strict": args.strict, "choice": Choice(args.methods, args.metrics)}
     if args.against is not None:
-        return [tables.against(group, args.against, **shown) for group in groups]
-    built = [tables.build(group, args.spread, **shown) for group in groups]
+        return [
+            tables.against(group, args.against, strict=args.strict, choice=choice)
+            for group in groups
+        ]
+    built = [
+        tables.build(group, args.spread, strict=args.strict, choice=choice) for group in groups
+    ]
     if args.by is not None:
         return [main for main, *_ in built]
     formats.write_all(results, tables.build(results))

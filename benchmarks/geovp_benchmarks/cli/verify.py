@@ -12,7 +12,6 @@ import argparse
 from geovp_benchmarks.arguments import at_least
 from geovp_benchmarks.cli.options import add, add_group, add_shared
 from geovp_benchmarks.progress import progress_bar, tracked
-from geovp_classic.errors import BadData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,13 +31,8 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
 
-    datasets = list(Results(args.folder).by_dataset().values())
-    if args.root is not None and len(datasets) > 1:
-        raise BadData(
-            f"--root is given, but {args.folder} has several data sets: give the folder of one"
-        )
     pairs = []
-    for results in datasets:
+    for results in Results(args.folder).by_dataset().values():
         pairs += verification.sample(results, args.pairs, args.seed)
         verification.check_dataset(results, args.root)
     with progress_bar("verify", "pairs") as progress:
@@ -47,9 +41,9 @@ def run(args: argparse.Namespace) -> int:
         ]
     for verdict in verdicts:
         print(verdict.sentence(args.tolerance))
-    if differences := verification.largest(datasets[0], verdicts):
+    results = pairs[0].results
+    if differences := verification.largest(results, verdicts):
         print(differences)
-    versions = [line for results in datasets for line in verification.other_versions(results)]
     good = sum(verdict.reproduces(args.tolerance) for verdict in verdicts)
-    print(*dict.fromkeys(versions), f"{good} of {len(verdicts)} reproduce", sep="\n")
+    print(*verification.other_versions(results), f"{good} of {len(verdicts)} reproduce", sep="\n")
     return int(good < len(verdicts))

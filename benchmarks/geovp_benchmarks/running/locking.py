@@ -20,35 +20,23 @@ def results_lock(results: Results, protocol: Mapping[str, Any]) -> Iterator[None
     Waits for a run of the same protocol; raises BadData during a run of another protocol.
     """
     root = results.root
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(root / ".lock")
-        with suppress(NotImplementedError):  # a file system without locks
-            _acquire(lock, results, protocol)
-    except OSError as error:
-        raise BadData(
-            f"{root} cannot be a results folder ({error.strerror}): give a folder that can be "
-            "written with --out"
-        ) from error
+    root.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(root / ".lock")
+    with suppress(NotImplementedError):  # a file system without locks
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            running = results.protocol() if results.begun else protocol
+            if any(running[key] != protocol[key] for key in ("fingerprint", "methods", "clips")):
+                raise BadData(
+                    f"{root} is in use by a run with another protocol or other methods: wait until "
+                    "it has ended, or give another folder with --out"
+                ) from error
+            logger.warning("waiting for another run in %s", root)
+            lock.acquire()
     try:
         for scratch in [*root.glob("*/*/.*.part"), *root.glob("clips/.*.part")]:
             scratch.unlink(missing_ok=True)
         yield
     finally:
         lock.release()
-
-
-def _acquire(lock: FileLock, results: Results, protocol: Mapping[str, Any]) -> None:
-    """Acquire the lock, at once or after a run of the same protocol."""
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        if results.begun:
-            running = results.protocol()
-            if any(running[key] != protocol[key] for key in ("fingerprint", "methods", "clips")):
-                raise BadData(
-                    f"{results.root} is in use by a run with another protocol or other methods: "
-                    "wait until it has ended, or give another folder with --out"
-                ) from error
-        logger.warning("waiting for another run in %s", results.root)
-        lock.acquire()

@@ -5,6 +5,7 @@ data set's label.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from geovp_benchmarks.matrix import files, schema
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import FolderName, Spec, Specs, validated
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables import formats, tables
+from geovp_benchmarks.tables import tables
+from geovp_benchmarks.tables.table_model import MethodScores, Table
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
@@ -50,39 +52,20 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
     return matrices
 
 
-def side_by_side(results: Results, width: int | None = None) -> str:
-    """One Markdown table with a group of columns for each data set, all rows in the order of the
-    file.
-    """
-    parts = {label: tables.build(part)[0] for label, part in results.by_dataset().items()}
-    columns = [(label, column) for label, table in parts.items() for column in table.columns]
-    rows = {label: {row.label: row for row in table.methods} for label, table in parts.items()}
-    marks = {
-        row.label: f" [{row.marks}]" * bool(row.marks)
-        for table in parts.values()
-        for row in table.methods
-    }
-    lines = [["method", *(f"{label}: {column.heading}" for label, column in columns)]]
-    for name in marks:
-        known = ((parts[label], rows[label].get(name), column) for label, column in columns)
-        texts = (
-            "-" if row is None else "".join(table.texts(row, column, "**{}**"))
-            for table, row, column in known
-        )
-        lines.append([name + marks[name], *texts])
-    notes = [f"- {label}: {note}" for label, table in parts.items() for note in table.notes[:1]]
+def side_by_side(results: Results) -> Table:
+    """Return one table with a group of columns for each data set."""
+    columns, notes, best = [], [], set()
+    methods: dict[str, MethodScores] = {}
     for label, part in results.by_dataset().items():
-        lost = (method for method in part.methods() if method.status in ("skipped", "failed"))
-        notes += [
-            f"- {label}: {method.label}: {method.status}: {method.reason}." for method in lost
-        ]
-    return "\n".join(
-        [
-            f"## {results.root.resolve().name}: all data sets",
-            "",
-            *formats.blocks(lines, width, 1),
-            "",
-            *notes,
-            "",
-        ]
-    )
+        table = tables.build(part)[0]
+        for column in table.columns:
+            key, heading = f"{label}: {column.key}", f"{label}: {column.heading}"
+            columns.append(replace(column, key=key, heading=heading))
+        for method in table.methods:
+            scores = {f"{label}: {key}": score for key, score in method.scores.items()}
+            scores |= methods.get(method.label, method).scores
+            methods[method.label] = replace(method, scores=scores)
+        best |= {(method, f"{label}: {key}") for method, key in table.best}
+        notes += [f"{label}: {note}" for note in table.notes]
+    title = f"{results.root.resolve().name}: all data sets"
+    return Table("datasets", title, columns, list(methods.values()), notes, best)

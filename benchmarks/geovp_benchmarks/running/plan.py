@@ -11,7 +11,7 @@ from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Results, check_clip_name
 from geovp_benchmarks.running.selection import Selection, select
-from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix
+from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
@@ -98,7 +98,7 @@ class Plan:
                 missing = {"components": {}, "privileged_inputs": [], "fingerprint": "", "code": ""}
                 return {**record, **missing, **asdict(component)}
         described = {role: registry.describe(each) for role, each in components.items()}
-        needs = self.built.needs(method)
+        needs = needs_of(components.values())
         return {
             **record,
             "status": "partial",

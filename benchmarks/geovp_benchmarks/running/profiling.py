@@ -3,23 +3,23 @@
 import ctypes
 import sys
 import time
-from collections import defaultdict
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 class Usage:
     """Time and memory that work took; its stages follow one another."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = defaultdict(float)  # by stage
-        self.peak_mb = 0.0  # MiB of the whole process, 0 if unknown
+    def __init__(self, seconds: Mapping[str, float] | None = None, peak_mb: float = 0.0) -> None:
+        self.seconds: Counter[Any] = Counter(seconds)  # by stage
+        self.peak_mb = peak_mb  # MiB of the whole process, 0 if unknown
 
     def add(self, other: "Usage") -> None:
         """Add the time of other work, and take the higher peak."""
-        for stage, seconds in other.seconds.items():
-            self.seconds[stage] += seconds
+        self.seconds.update(other.seconds)
         self.peak_mb = max(self.peak_mb, other.peak_mb)
 
     @contextmanager
@@ -30,9 +30,8 @@ class Usage:
         try:
             yield
         finally:
-            self.seconds[stage] += time.perf_counter() - start_s
-            if is_reset:
-                self.peak_mb = max(self.peak_mb, peak_mb())
+            work = Usage({stage: time.perf_counter() - start_s}, peak_mb() if is_reset else 0.0)
+            self.add(work)
 
 
 def reset_peak() -> bool:

@@ -3,10 +3,11 @@
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
-from geovp_benchmarks.results.store import Method, Part, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.run import totals, write
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
+from geovp_benchmarks.running.task import Scores
 from geovp_classic.errors import BadData
 
 
@@ -50,9 +51,7 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     """Copy and score the kept predictions of a method."""
     name, protocol = method.name, output.protocol()
     output.remove_method(name)
-    failures = {
-        clip: failure for part in results.parts(name) for clip, failure in part.failures.items()
-    }
+    failures = results.failures(name)
     predicted = {clip for clip, _ in results.predictions(name)}
     scores = []
     for clip_name in protocol["clips"]:
@@ -65,19 +64,15 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
         usage = Usage()
         with usage.measure("metrics"):
             rows = score(clip, prediction, metrics)
-        part = Part(
-            clips=(clip_name,),
-            fingerprint=method.fingerprint,
-            metrics={},
-            seconds=usage.seconds,
-            peak_memory_mb=0.0,
-            failures={clip_name: failures[clip_name]} if clip_name in failures else {},
-            facts={clip_name: clip.facts},
+        usage.peak_mb = 0.0  # nothing was predicted
+        failure = ("failed", failures[clip_name], "") if clip_name in failures else ()
+        scores.append(
+            Scores(name, clip_name, method.fingerprint, rows, usage, clip.facts, {}, "", failure)
         )
-        scores.append((name, rows, part))
-    write(output, scores)
     status = method.status
     if status in ("done", "partial"):
         status = "done" if len(scores) == len(protocol["clips"]) else "partial"
     record = {**method.record, "status": status, "protocol_id": protocol["id"]}
-    output.write_method(name, record | totals([part for *_, part in scores], ""))
+    output.write_method(name, record)
+    write(output, scores)
+    output.write_method(name, record | totals(output.parts(name), ""))

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,6 +13,7 @@ from geovp_benchmarks.results.store import Method, Part, Results, Rows
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.locking import results_lock
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
+from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.selection import rank
 from geovp_benchmarks.running.task import Scores, score_clip
 
@@ -53,7 +54,7 @@ def compute_missing(
             for scores in results:
                 batch += scores
                 num_done += len(scores)
-                clip = scores[0][2].clips[0]
+                clip = scores[0].clip
                 announce(f"after {clip}")  # other processes do not announce their steps
                 logger.info("clip %s: done", clip)
             progress(num_done, num_missing)
@@ -98,27 +99,24 @@ def begin(plan: Plan) -> None:
 def write(results: Results, scores: Iterable[Scores]) -> None:
     """Write scores, in one file for all clips of a method that were scored alike."""
     batches = defaultdict(list)
-    for method, rows, part in scores:
-        batches[method, part.code, str(part.metrics)].append((rows, part))
+    for each in scores:
+        batches[each.method, each.code, str(each.metrics)].append(each)
     for (method, *_), batch in batches.items():
-        rows = Rows.concatenated([rows for rows, _ in batch])
-        results.write_part(method, rows, joined([part for _, part in batch]))
-
-
-def joined(parts: Sequence[Part]) -> Part:
-    """Return one part for clips that were scored alike."""
-    seconds: Counter[str] = Counter()
-    for part in parts:
-        seconds.update(part.seconds)
-    return replace(
-        parts[0],
-        clips=tuple(clip for part in parts for clip in part.clips),
-        seconds=dict(seconds),
-        peak_memory_mb=max(part.peak_memory_mb for part in parts),
-        peak_is_own=all(part.peak_is_own for part in parts),
-        failures={clip: failure for part in parts for clip, failure in part.failures.items()},
-        facts={clip: facts for part in parts for clip, facts in part.facts.items()},
-    )
+        usage = Usage()
+        for each in batch:
+            usage.add(each.usage)
+        part = Part(
+            clips=tuple(each.clip for each in batch),
+            fingerprint=batch[0].fingerprint,
+            metrics=batch[0].metrics,
+            seconds=dict(usage.seconds),
+            peak_memory_mb=usage.peak_mb,
+            peak_is_own=usage.peak_mb > 0,
+            code=batch[0].code,
+            failures={each.clip: each.failure for each in batch if each.failure},
+            facts={each.clip: each.facts for each in batch},
+        )
+        results.write_part(method, Rows.concatenated([each.rows for each in batch]), part)
 
 
 def finish(plan: Plan, method: MethodPlan) -> None:
@@ -145,12 +143,14 @@ def totals(parts: Sequence[Part], code: str) -> dict[str, Any]:
 
     Scores of code with another hash are outdated.
     """
-    total = joined([Part((), "", {}, {}, 0.0, peak_is_own=True), *parts])
+    usage = Usage()
+    for part in parts:
+        usage.add(Usage(part.seconds, part.peak_memory_mb))
     return {
-        "num_clips": len(total.clips),
-        "num_failed": len(total.failures),
+        "num_clips": sum(len(part.clips) for part in parts),
+        "num_failed": sum(len(part.failures) for part in parts),
         "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
-        "seconds": {stage: round(time_s, 3) for stage, time_s in total.seconds.items()},
-        "peak_memory_mb": total.peak_memory_mb,
-        "peak_is_own": total.peak_is_own,
+        "seconds": {stage: round(time_s, 3) for stage, time_s in usage.seconds.items()},
+        "peak_memory_mb": usage.peak_mb,
+        "peak_is_own": usage.peak_mb > 0,
     }

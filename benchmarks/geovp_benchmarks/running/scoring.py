@@ -4,7 +4,8 @@ import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, Self, runtime_checkable
+from itertools import chain
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,21 +31,7 @@ from geovp_classic.types import (
     Prediction,
     PrivilegedInput,
     Target,
-    Trajectory,
 )
-
-
-@runtime_checkable
-class ManyMasks(Protocol):
-    """Frame metric that is faster with several masks at once."""
-
-    def over(
-        self, predicted: ByteArray, target: Any, masks: Sequence[BoolArray | None]
-    ) -> Sequence[FloatArray]:
-        """Return the metric's values [F] for each mask.
-
-        `target` is what `prepare(target)` returned, if the metric has that method.
-        """
 
 
 @dataclass(frozen=True)
@@ -73,13 +60,12 @@ class Metrics:
                     about[name]["unavailable"] = failure.reason
                 else:
                     metrics[role][name] = metric
-        fraction = {"role": "frame", "unit": "", "higher_is_better": None, "unavailable": None}
-        definitions = {
-            COVERAGE: "fraction of pixels that were not inpainted",
-            CONFIDENCE: "coverage times the fraction of tracked frames; no probability",
-        }
-        for name, definition in definitions.items():
-            about[name] = {**fraction, "bounds": [0.0, 1.0], "definition": definition}
+        fraction: dict[str, Any] = {"role": "frame", "unit": "", "bounds": [0.0, 1.0]}
+        fraction |= {"higher_is_better": None, "unavailable": None}
+        definition = "fraction of pixels that were not inpainted"
+        about[COVERAGE] = {**fraction, "definition": definition}
+        definition = "coverage times the fraction of tracked frames; no probability"
+        about[CONFIDENCE] = {**fraction, "definition": definition}
         return cls(metrics["frame"], metrics["trajectory"], about)
 
     @cached_property
@@ -124,7 +110,7 @@ class ScoredClip:
     clip: Clip
     num_past: int
     scores: dict[Hashable, Sequence[FloatArray]] = field(default_factory=dict)
-    prepared_targets: dict[FrameMetric, Any] = field(default_factory=dict)
+    targets: dict[str, Any] = field(default_factory=dict)  # by metric, as it prepares them
 
     @cached_property
     def truth(self) -> tuple[Context, Target]:
@@ -142,37 +128,32 @@ class ScoredClip:
         fractions = {name: float(mask.mean()) for name, mask in self.pixel_sets.items()}
         return clip_facts(*self.truth) | fractions
 
-    @cached_property
-    def future(self) -> Trajectory | None:
-        """Return the true future relative to the last observed camera, if poses are given."""
-        context, target = self.truth
-        if context.past is None or target.trajectory is None:
-            return None
-        future = target.trajectory
-        return relative_to_last_observed(context.past, future.world_from_cam, future.times_s)
-
     def values(
-        self, metric: FrameMetric, predicted: ByteArray, masks: Sequence[BoolArray | None]
+        self, name: str, metric: Any, predicted: ByteArray, masks: Sequence[BoolArray | None]
     ) -> Sequence[FloatArray]:
-        """Return a metric's values [F] for each mask; prepare the target once."""
-        target: Any = self.truth[1].frames
-        if not isinstance(metric, ManyMasks):
+        """Return the values [F] of a frame metric for each mask.
+
+        Metrics may be faster with all masks at once, `over(predicted, target, masks)`, and with a
+        target that `prepare(target)` returned for all predictions.
+        """
+        target = self.truth[1].frames
+        if not hasattr(metric, "over"):
             return [metric(predicted, target, mask) for mask in masks]
         if hasattr(metric, "prepare"):
-            if metric not in self.prepared_targets:
-                self.prepared_targets[metric] = metric.prepare(target)
-            target = self.prepared_targets[metric]
+            if name not in self.targets:
+                self.targets[name] = metric.prepare(target)
+            target = self.targets[name]
         return metric.over(predicted, target, masks)
 
 
 def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
     """Return the scores by sample, metric and step; raise BadData for another size or number."""
-    num_samples, *shape = prediction.frames.shape
-    expected = clip.truth[1].frames.shape
-    if tuple(shape) != expected:
+    num_samples = len(prediction.frames)
+    expected = (num_samples, *clip.truth[1].frames.shape)
+    if prediction.frames.shape != expected:
         raise BadData(
             f"predicted frames have shape {prediction.frames.shape}, expected (S, "
-            f"{str(expected)[1:]}"
+            f"{str(expected[1:])[1:]}"
         )
     num_futures = 1 if prediction.motion is None else len(prediction.motion.futures)
     if num_futures not in (1, num_samples):
@@ -184,17 +165,21 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
     for sample in range(num_samples):
         if sample % 5 == 4:  # 100 samples of 256x256 took 1.2 GB more without this, with LPIPS
             release_free_memory()
-        for name, values in _values(clip, prediction, sample, metrics):
+        columns = chain(
+            _frame_values(clip, prediction, sample, metrics),
+            _motion_values(clip, prediction, sample, metrics),
+        )
+        for name, values in columns:
             rows += [
                 (clip.clip.name, sample, step, name, value) for step, value in enumerate(values, 1)
             ]
     return Rows.of(*zip(*rows, strict=True))
 
 
-def _values(
+def _frame_values(
     clip: ScoredClip, prediction: Prediction, sample: int, metrics: Metrics
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield columns with the values [F] of one sample."""
+    """Yield the columns [F] of one sample that need frames alone."""
     predicted = prediction.frames[sample]
     digest = hashlib.sha256(predicted.tobytes())
     masks: dict[str, BoolArray | None] = {"": None}
@@ -206,24 +191,35 @@ def _values(
     if prediction.confidence is not None:
         yield CONFIDENCE, prediction.confidence[sample]
     masks |= {f"@{name}": mask for name, mask in clip.pixel_sets.items()}
-    stabilised = {}
     for name, metric in metrics.frame.items():
         if isinstance(metric, Stabilised):
-            stabilised[name] = metric.metric
             continue
         key = name, digest.digest()
         if key not in clip.scores:
-            clip.scores[key] = clip.values(metric, predicted, [*masks.values()])
+            clip.scores[key] = clip.values(name, metric, predicted, [*masks.values()])
         for suffix, values in zip(masks, clip.scores[key], strict=True):
             yield name + suffix, values
-    motion, true_future = prediction.motion, clip.future
-    if motion is None or true_future is None:
+
+
+def _motion_values(
+    clip: ScoredClip, prediction: Prediction, sample: int, metrics: Metrics
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the columns [F] of one sample that need predicted and true poses."""
+    context, target = clip.truth
+    motion = prediction.motion
+    if motion is None or context.past is None or target.trajectory is None:
         return
+    true_poses, times_s = target.trajectory.world_from_cam, target.trajectory.times_s
     poses = motion.futures[sample % len(motion.futures)]  # all samples may share one future
-    future = relative_to_last_observed(motion.past, poses, true_future.times_s)
+    future = relative_to_last_observed(motion.past, poses, times_s)
+    true_future = relative_to_last_observed(context.past, true_poses, times_s)
+    stabilised = {
+        name: each for name, each in metrics.frame.items() if isinstance(each, Stabilised)
+    }
     if stabilised:
-        frames, seen = turned(predicted, clip.clip.intrinsics, future, true_future)
+        frames = prediction.frames[sample]
+        views, seen = turned(frames, clip.clip.intrinsics, future, true_future)
         for name, metric in stabilised.items():
-            yield name, clip.values(metric, frames, [seen])[0]
+            yield name, clip.values(name, metric.metric, views, [seen])[0]
     for name, trajectory_metric in metrics.trajectory.items():
         yield name, trajectory_metric(future, true_future)

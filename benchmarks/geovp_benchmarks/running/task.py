@@ -2,7 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Hashable, Iterable, Mapping
+import operator
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 from geovp_benchmarks.matrix.components import Failure, build, code_hash, on_device
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import announce
-from geovp_benchmarks.results.store import Part, Results, Rows
+from geovp_benchmarks.results.store import Results, Rows
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
@@ -20,7 +21,20 @@ from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
 
-Scores = tuple[str, Rows, Part]  # and the name of the method
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of a method on a clip."""
+
+    method: str
+    clip: str
+    fingerprint: str  # of the method and the protocol
+    rows: Rows
+    usage: Usage
+    facts: Mapping[str, float]  # of the clip
+    metrics: Mapping[str, Any]  # resolved settings by column
+    code: str = ""  # hash of the sources
+    failure: Sequence[str] = ()  # status, reason and traceback of a prediction that failed
 
 
 @dataclass(frozen=True)
@@ -55,10 +69,6 @@ class BuiltMatrix:
         """Return the components of a method by role."""
         return {role: self.components[key] for role, key in method.components.items()}
 
-    def needs(self, method: MethodPlan) -> PrivilegedInput:
-        """Return the privileged inputs of a method."""
-        return _needs(self.components_of(method).values())
-
     def code(self, method: MethodPlan) -> str:
         """Return a hash of the sources that the scores of a method depend on."""
         return code_hash(self.components_of(method).values())
@@ -72,15 +82,13 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
         metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
     buildable = [each for each in components.values() if not isinstance(each, Failure)]
-    return BuiltMatrix(matrix, matrix.build_dataset(_needs(buildable)), components, metrics)
+    return BuiltMatrix(matrix, matrix.build_dataset(needs_of(buildable)), components, metrics)
 
 
-def _needs(components: Iterable[Any]) -> PrivilegedInput:
+def needs_of(components: Iterable[Any]) -> PrivilegedInput:
     """Return all privileged inputs of components."""
-    needs = PrivilegedInput.NONE
-    for component in components:
-        needs |= component.needs
-    return needs
+    needs = (component.needs for component in components)
+    return functools.reduce(operator.or_, needs, PrivilegedInput.NONE)
 
 
 class SharedSteps:
@@ -89,13 +97,13 @@ class SharedSteps:
     def __init__(self) -> None:
         self.results: dict[Hashable, tuple[Any, Usage]] = {}
 
-    def get(self, step: Callable[[], Any], usage: Usage, stage: str, *key: Hashable) -> Any:
+    def get(self, usage: Usage, stage: str, key: Hashable, step: Callable[[], Any]) -> Any:
         """Return the result of a step, which is computed once per stage and key."""
-        if (stage, *key) not in self.results:
+        if (stage, key) not in self.results:
             cost = Usage()
             with cost.measure(stage):
-                self.results[stage, *key] = step(), cost
-        result, cost = self.results[stage, *key]
+                self.results[stage, key] = step(), cost
+        result, cost = self.results[stage, key]
         usage.add(cost)
         return result
 
@@ -125,32 +133,24 @@ def score_clip(task: Task) -> list[Scores]:
     scores = []
     for method, fingerprint in task.fingerprints.items():
         announce(f"{task.clip}, {method.label}")
-        context, _ = clip.clip.split(clip.num_past, built.needs(method))
+        components = built.components_of(method)
+        context, _ = clip.clip.split(clip.num_past, needs_of(components.values()))
         usage, scoring = Usage(), Usage()  # the peak of scoring is the same for all methods
-        failures = {}
+        failure: Sequence[str] = ()
         try:
-            prediction = _predict(built.components_of(method), method, context, clip, shared, usage)
+            prediction = _predict(components, method, context, clip, shared, usage)
             with scoring.measure("metrics"):
                 rows = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
-            failures[task.clip] = dataclasses.astuple(Failure.of(error))
+            failure = dataclasses.astuple(Failure.of(error))
             prediction, rows = CopyLast().predict(context), Rows.of()
             with suppress(Exception), scoring.measure("metrics"):
                 rows = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.write_prediction(method.name, task.clip, prediction)
-        part = Part(
-            clips=(task.clip,),
-            fingerprint=fingerprint,
-            metrics=built.metrics.described,
-            seconds={**usage.seconds, **scoring.seconds},
-            peak_memory_mb=usage.peak_mb,
-            peak_is_own=usage.peak_mb > 0,
-            code=built.code(method),
-            failures=failures,
-            facts={task.clip: clip.facts},
-        )
-        scores.append((method.name, rows, part))
+        usage.add(Usage(scoring.seconds))
+        about = clip.facts, built.metrics.described, built.code(method), failure
+        scores.append(Scores(method.name, task.clip, fingerprint, rows, usage, *about))
         announce(f"{task.clip}, {method.label}", done=1)
     return scores
 
@@ -170,22 +170,12 @@ def _predict(
             prediction: Prediction = components["predictor"].predict(context, num_samples)
         return prediction
     predictor = GeometricPredictor(**components)
-    observed = shared.get(lambda: predictor.observer.observe(clip.truth[0]), usage, "observe")
-    motion = shared.get(
-        lambda: predictor.estimate(observed, num_samples),
-        usage,
-        "motion",
-        method.pose_source,
-        num_samples,
-    )
+    observed = shared.get(usage, "observe", (), lambda: predictor.observer.observe(clip.truth[0]))
+    key: Hashable = method.pose_source, num_samples
+    motion = shared.get(usage, "motion", key, lambda: predictor.estimate(observed, num_samples))
     past = motion.past
     poses = past.world_from_cam.tobytes(), past.times_s.tobytes(), past.is_metric
-    scene = shared.get(
-        lambda: predictor.reconstruct(observed, past),
-        usage,
-        "reconstruct",
-        method.renderer,
-        *poses,
-    )
+    key = method.renderer, poses
+    scene = shared.get(usage, "reconstruct", key, lambda: predictor.reconstruct(observed, past))
     with usage.measure("view"):
         return show(scene, motion, context)

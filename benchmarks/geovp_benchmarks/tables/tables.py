@@ -21,6 +21,7 @@ from geovp_benchmarks.tables.table_model import (
     Table,
     best,
 )
+from geovp_classic.errors import BadData
 
 
 def build(
@@ -50,6 +51,7 @@ def against(
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
     protocol = results.protocol()
+    check_scored(results, (name,))
     main = _main_table(results, choice.including(name), strict)
     reference = Choice((name,)).select(main.methods)[0]
     others = [method for method in main.methods if method is not reference and method.scores]
@@ -78,9 +80,17 @@ def against(
     return explained(table, protocol, notes)
 
 
+def check_scored(results: Results, names: Sequence[str]) -> None:
+    """Raise BadData if a method that is named has no scores."""
+    for method in Choice(names).select(results.methods()) if names else ():
+        if method.status not in ("done", "partial"):
+            raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
+
+
 def _main_table(results: Results, choice: Choice, strict: bool) -> Table:
     """Return the table of all metrics over whole frames and of poses."""
     protocol = results.protocol()
+    check_scored(results, choice.methods)
     methods = [
         scores
         for method in choice.select(results.methods())

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from geovp_benchmarks.running.scoring import ManyMasks
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric
 from geovp_classic.metrics.image import Psnr, Ssim
@@ -110,7 +109,7 @@ def test_many_masks_score_as_single_masks(metric: FrameMetric) -> None:
     predicted, target = noise(1), noise(2)
     masks = [None, *(np.random.default_rng(0).random((3, *target.shape[:3])) < 0.3)]
     masks[2][1] = False
-    assert isinstance(metric, ManyMasks)
+    assert hasattr(metric, "over")
     one_by_one = [metric(predicted, target, mask) for mask in masks]
     np.testing.assert_allclose(metric.over(predicted, target, masks), one_by_one, atol=1e-6)
     assert np.isnan(one_by_one[2][1])

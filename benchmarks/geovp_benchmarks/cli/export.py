@@ -1,0 +1,48 @@
+"""Write all scores of a results folder into one table.
+
+Its columns are method, clip, sample, step, metric and value.
+
+Examples:
+  geovp export results/demo --out scores.csv
+  geovp export results/demo --format parquet --out scores.parquet
+"""
+
+import argparse
+import errno
+
+from geovp_benchmarks.cli.options import add, add_group, add_shared
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the results and the file."""
+    add_shared(parser, "folder")
+    group = add_group(parser, "output")
+    formats = ("csv", "parquet")
+    add(group, "--format", "FORMAT", "csv or parquet. Default: csv.", "csv", choices=formats)
+    add(group, "--out", "FILE", "File for the table.", required=True)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the file, and print its path."""
+    import duckdb
+
+    from geovp_benchmarks.results.store import Results
+    from geovp_classic.data.atomic import atomic_write
+
+    results = Results(args.folder)
+    with duckdb.connect() as database, atomic_write(args.out) as scratch:
+        types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
+        database.execute(f"CREATE TABLE scores ({types})")
+        for method in results.methods():
+            rows = results.scores(method.name)
+            columns = {"clip": rows.clip.values(), "sample": rows.sample, "step": rows.step}
+            columns |= {"metric": rows.metric.values(), "value": rows.value}
+            database.register("rows", columns)
+            query = "SELECT $1, clip, sample, step, metric, if(isnan(value), NULL, value) FROM rows"
+            database.execute(f"INSERT INTO scores {query}", [method.label])
+        try:
+            getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
+        except duckdb.IOException as error:
+            raise OSError(errno.EIO, str(error), str(args.out)) from error
+    print(args.out)
+    return 0
