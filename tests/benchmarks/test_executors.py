@@ -2,6 +2,7 @@
 room for it.
 """
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,10 +59,10 @@ def test_dask_gives_every_result_once_and_holds_back(scheduler: str) -> None:
 
 def test_errors_of_a_task_come_back_as_they_were_after_what_had_begun(scheduler: str) -> None:
     for executor in (executors.Serial(), executors.Dask(scheduler)):
-        results = []
+        results: list[int] = []
+        batches = executors.completed(executor, doubled, [1, -1, *range(20)])
         with pytest.raises(BadData, match="-1 is below zero"):
-            for batch in executors.completed(executor, doubled, [1, -1, *range(20)]):
-                results += batch
+            results.extend(itertools.chain.from_iterable(batches))
         assert 2 in results
         assert len(results) < 20
 
