@@ -4,6 +4,7 @@ Neighbouring pixels may differ by one plane at a small cost and by more at a lar
 lower across edges of the image.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numba
@@ -40,18 +41,33 @@ class SemiGlobalAggregation:
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
         """Return the path costs [H, W, N], summed over all eight directions."""
+        height, width, num_planes = costs.shape
+        sums = np.empty(costs.shape, np.uint16)
+        # The upward pass is the downward one on an image turned by 180 degrees.
+        large_steps = [
+            self._large_steps(turned) for turned in (image, image[::-1, ::-1])
+        ]
+        down = np.full((2, 2, 3, width, num_planes + 3), INFINITE)
 
-        def follow(is_upward: bool) -> SumArray:
-            # The upward pass is the downward one on an image turned by 180 degrees.
-            turned = image[::-1, ::-1] if is_upward else image
-            large_steps = self._large_steps(turned)
-            sums = np.empty(costs.shape, np.uint16)
-            _follow(costs, is_upward, self.small_step_cost, large_steps, sums)
-            return sums
+        def follow(is_upward: bool, is_second: bool) -> None:
+            middle = (height + is_upward) // 2
+            _follow(
+                costs,
+                is_upward,
+                (middle, height) if is_second else (0, middle),
+                self.small_step_cost,
+                large_steps[is_upward],
+                down[int(is_upward)],
+                is_second,
+                sums,
+            )
 
-        downward, upward = parallel_map(follow, (False, True))
-        downward += upward
-        return downward
+        # The passes meet in the middle; then each adds to what the other wrote.
+        for is_second in (False, True):
+            parallel_map(
+                functools.partial(follow, is_second=is_second), (False, True)
+            )
+        return sums
 
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
@@ -134,11 +150,16 @@ def _judge(
 def _follow(
     costs: CostArray,  # [H, W, N]
     is_upward: bool,
+    rows: tuple[
+        int, int
+    ],  # first and behind the last, in the order of the pass
     small_step: int,
     large_steps: PathArray,  # [4, H, W], in the order of the pass
-    sums: SumArray,  # [H, W, N], written
+    down: PathArray,  # [2, 3, W, N + 3], paths to the last row and to this one; changed
+    is_added: bool,
+    sums: SumArray,  # [H, W, N], written or added to
 ) -> None:
-    """Sum the costs of the four paths of one pass.
+    """Sum the costs of the four paths of one pass in some rows.
 
     Paths have a margin of one plane on either side, which is never the best one, and end with
     their lowest cost.
@@ -150,10 +171,7 @@ def _follow(
     along_row = np.full(
         (2, num_planes + 3), INFINITE
     )  # to the last pixel and to this one
-    down = np.full(
-        (2, 3, width, num_planes + 3), INFINITE
-    )  # to the last row and to this one
-    for i in range(height):
+    for i in range(rows[0], rows[1]):
         last_row = down[(i + 1) % 2]
         this_row = down[i % 2]
         for j in range(width):
@@ -192,7 +210,8 @@ def _follow(
                     + vertical[n + 1]
                     + right[n + 1]
                 )
-                total[n] = np.uint16(path_sum)
+                before = total[n] if is_added else np.uint16(0)
+                total[n] = np.uint16(before + path_sum)
 
 
 @numba.njit(nogil=True, cache=True)
