@@ -4,16 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.random import Generator
 
-from geovp_classic.data.synthetic import camera
 from geovp_classic.data.synthetic.manoeuvres import Manoeuvre
-from geovp_classic.data.synthetic.rendering import render_drive
-from geovp_classic.data.synthetic.shading import Optics
+from geovp_classic.data.synthetic.rendering import Optics, render_drive
+from geovp_classic.data.synthetic.roads import Journey, world_from_vehicle
 from geovp_classic.data.synthetic.street import build_street
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import planar, se3
 from geovp_classic.types import (
-    BoolArray,
     ByteArray,
     Clip,
     ExtraView,
@@ -24,7 +23,7 @@ from geovp_classic.types import (
 
 
 @dataclass(frozen=True)
-class Synthetic:
+class Synthetic(Optics):
     """Clips of a synthetic street at 10 Hz with exact poses, depths and masks of moving objects.
 
     Clips cycle through the manoeuvres of `Manoeuvre`, each on its own street. The next round shows
@@ -32,8 +31,9 @@ class Synthetic:
     streets follow. Streets are furnished for 230 m: clips of more than about 150 frames leave the
     town. The same settings give the same clips.
 
-    With `noise`, `exposure_drift`, `haze_per_m` and `gloss` at 0, surfaces look the same from
-    everywhere. More `blur_px` and `finest_detail_m` make images that survive resampling.
+    The camera is that of a square crop of KITTI's images. With `noise`, `exposure_drift`,
+    `haze_per_m` and `gloss` at 0, surfaces look the same from everywhere. More `blur_px` and
+    `finest_detail_m` make images that survive resampling.
     """
 
     name: ClassVar[str] = "synthetic"  # in results
@@ -50,10 +50,7 @@ class Synthetic:
     bounce: float = 1.0  # scale of the motion of the car's body
     noise: float = 1.5  # standard deviation, grey levels
     exposure_drift: float = 0.02  # standard deviation, fraction
-    haze_per_m: float = 0.0012  # extinction
-    gloss: float = 1.0  # scale of the reflections of glass and paint
-    blur_px: float = 0.45  # standard deviation of the lens
-    finest_detail_m: float = 0.0  # textures are smoothed to this size
+    camera_height_m: ClassVar[float] = 1.65  # KITTI's
 
     def __post_init__(self) -> None:
         counts = (self.num_clips, self.num_frames, self.stride, *self.size_px)
@@ -74,52 +71,36 @@ class Synthetic:
         seed, manoeuvre, first = self.window(index)
         street = build_street(seed, manoeuvre)
         times_s = (first + np.arange(self.num_frames)) / 10.0
-        world_from_cam = camera.world_from_camera(
-            street.ego,
-            times_s,
-            seed,
-            self.pitch_deg,
-            self.roll_deg,
-            self.bounce,
+        world_from_cam = self._world_from_cam(street.ego, times_s, seed)
+        square, full = self._cameras()
+        camera = full if self.with_full else square
+        light, depths, moving = render_drive(
+            street, world_from_cam, camera, times_s, self
         )
-        square = camera.square_camera(self.size_px)
-        full = camera.full_camera(self.size_px)
-        optics = Optics(
-            self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m
-        )
-
-        def render(
-            poses: FloatArray, intrinsics: Intrinsics, view: int
-        ) -> tuple[ByteArray, FloatArray, BoolArray]:
-            light, depths, moving = render_drive(
-                street, poses, intrinsics, times_s, optics
-            )
-            rng = np.random.default_rng([self.seed, index, view, 99])
-            frames = camera.expose(
-                light, full.width_px, rng, self.noise, self.exposure_drift
-            )
-            return frames, depths, moving
-
-        images = render(world_from_cam, full if self.with_full else square, 0)
-        left_px = (images[0].shape[2] - square.width_px) // 2
+        rng = np.random.default_rng([self.seed, index, 0, 99])
+        frames = self._expose(light, rng)
+        left_px = (camera.width_px - square.width_px) // 2
         crop = np.s_[:, :, left_px : left_px + square.width_px]
         views = {}
         if self.with_full:
-            views["full"] = ExtraView(images[0], full, np.eye(4))
+            views["full"] = ExtraView(frames, full, np.eye(4))
         if self.with_right:
-            right_from_left = camera.right_from_left()
+            right_from_left = np.eye(4)
+            right_from_left[0, 3] = -0.54  # KITTI's baseline
             poses = world_from_cam @ se3.inverse(right_from_left)
-            right, _, _ = render(poses, full, 1)
+            light, _, _ = render_drive(street, poses, full, times_s, self)
+            rng = np.random.default_rng([self.seed, index, 1, 99])
+            right = self._expose(light, rng)
             views["right"] = ExtraView(right, full, right_from_left)
         return Clip(
             name=self.clip_name(index),
-            frames=images[0][crop],
+            frames=frames[crop],
             times_s=times_s,
             intrinsics=square,
             trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
-            depths=images[1][crop],
-            moving=images[2][crop],
-            camera_height_m=camera.CAMERA_HEIGHT_M,
+            depths=depths[crop],
+            moving=moving[crop],
+            camera_height_m=self.camera_height_m,
             **views,
         )
 
@@ -139,3 +120,81 @@ class Synthetic:
         """Return the drive (a sequence) and its first frame, as "seed0-left-turn/000"."""
         seed, manoeuvre, first = self.window(index)
         return f"seed{seed}-{manoeuvre.value}/{first:03d}"
+
+    def _cameras(self) -> tuple[Intrinsics, Intrinsics]:
+        """Return the square camera and the uncropped one, whose middle the square camera sees."""
+        width_px, height_px = self.size_px
+        square = Intrinsics(
+            489 / 256 * width_px,  # as KITTI's
+            489 / 256 * height_px,
+            (width_px - 1) / 2,
+            (height_px - 1) / 2,
+            width_px,
+            height_px,
+        )
+        extra_px = round(width_px * (1242 / 375 - 1) / 2)  # KITTI's aspect
+        full_px = width_px + 2 * extra_px
+        return square, square.cropped(-extra_px, 0, full_px, height_px)
+
+    def _world_from_cam(
+        self, ego: Journey, times_s: FloatArray, seed: int
+    ) -> FloatArray:
+        """Return world_from_cam [T, 4, 4].
+
+        The car pitches, rolls and heaves at 0.8 to 2.2 Hz while it moves, and pitches when it
+        brakes.
+        """
+        delays_s = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])[:, None]
+        travelled_m = ego.travelled_m(times_s + delays_s)  # [5, T]
+        speed_m_s = (travelled_m[3] - travelled_m[1]) / 0.2
+        acceleration_m_s2 = np.diff(travelled_m[::2], n=2, axis=0)[0] / 0.04
+        amplitude = self.bounce * np.clip(speed_m_s / 8.0, 0.0, 1.2)
+        rng = np.random.default_rng([seed, 7])
+        pitch, roll, heave = (
+            amplitude * _waves(rng, times_s, 0.8, 2.2) for _ in range(3)
+        )
+        body_from_rest = np.zeros((len(times_s), 6))
+        body_from_rest[:, 1] = 0.008 * heave - self.camera_height_m
+        body_from_rest[:, 3] = (
+            0.0022 * pitch + self.bounce * 0.004 * acceleration_m_s2
+        )
+        body_from_rest[:, 5] = 0.0016 * roll
+        mount = planar.level_vehicle_from_cam(
+            np.deg2rad(self.pitch_deg), np.deg2rad(self.roll_deg)
+        )
+        world_from_rest = world_from_vehicle(*ego.place_at(times_s))
+        return world_from_rest @ se3.exp(body_from_rest) @ mount
+
+    def _expose(self, light: FloatArray, rng: Generator) -> ByteArray:
+        """Return images [T, H, W, 3] of linear light with noise and drifting exposure.
+
+        The noise is drawn for uncropped images. A crop therefore has the noise of the whole.
+        """
+        num_frames, height_px, width_px, _ = light.shape
+        times_s = np.arange(num_frames) * 0.1
+        drift = self.exposure_drift * _waves(rng, times_s, 0.1, 0.5)
+        canvas_px = self._cameras()[1].width_px
+        grain = rng.standard_normal(
+            (num_frames, height_px, canvas_px, 3), dtype=np.float32
+        )
+        left_px = (canvas_px - width_px) // 2
+        grain = grain[:, :, left_px : left_px + width_px]
+        gain = np.exp(drift)[:, None, None, None]
+        image = 255 * np.sqrt(np.clip(light * gain, 0.0, 1.0))
+        return np.clip(image + self.noise * grain + 0.5, 0, 255).astype(
+            np.uint8
+        )
+
+
+def _waves(
+    rng: Generator,
+    times_s: FloatArray,
+    min_hz: float,
+    max_hz: float,
+    num_waves: int = 4,
+) -> FloatArray:
+    """Return a wandering signal [T] of about unit variance."""
+    frequencies_hz = rng.uniform(min_hz, max_hz, num_waves)
+    phases_rad = rng.uniform(0, 2 * np.pi, num_waves)
+    waves = np.sin(2 * np.pi * np.outer(times_s, frequencies_hz) + phases_rad)
+    return waves.sum(axis=-1) * np.sqrt(2 / num_waves)

@@ -1,22 +1,40 @@
-"""Ray-traced images of the street: one ray per pixel, four at edges, and shadows of the sun."""
+"""Ray-traced images of the street: one ray per pixel, four at edges, and shadows of the sun.
+
+Light is linear; the byte of an image is its square root (gamma 2).
+"""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from geovp_classic.data.synthetic.shading import Hits, Optics, shade
+from geovp_classic.data.synthetic.roads import Places
 from geovp_classic.data.synthetic.solids import RayCaster
 from geovp_classic.data.synthetic.street import Street
-from geovp_classic.data.synthetic.textures import TILE_M, Texture
+from geovp_classic.data.synthetic.textures import (
+    TILE_M,
+    Texture,
+    column,
+    sample,
+)
 from geovp_classic.geometry import pinhole
 from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray, IntArray, Intrinsics
 
-UV_AXES = np.array([[2, 1], [0, 2], [0, 1]])  # of the textures across x, y, z
+
+@dataclass(frozen=True, kw_only=True)
+class Optics:
+    """Air, surfaces and lens.
+
+    Without haze and gloss, surfaces look the same from everywhere.
+    """
+
+    haze_per_m: float = 0.0012  # extinction
+    gloss: float = 1.0  # scale of the reflections of glass and paint
+    blur_px: float = 0.45  # standard deviation of the lens
+    finest_detail_m: float = 0.0  # textures are smoothed to this size
 
 
 class Rendering(NamedTuple):
@@ -39,17 +57,30 @@ def render_drive(
     """Render the street at any times; pixels at edges are averages of four rays."""
 
     def render(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
-        caster = RayCaster(street.solids_at(float(times_s[step])))
-        frame = _Frame(caster, street, optics, world_from_cam[step], camera)
-        return frame.render()
+        caster = RayCaster(street.solids_at(times_s[step]))
+        return _View(
+            caster, street, optics, world_from_cam[step], camera
+        ).render()
 
     frames = parallel_map(render, range(len(times_s)))
     return Rendering(*map(np.stack, zip(*frames, strict=True)))
 
 
+class _Hits(NamedTuple):
+    """Surface points that rays hit."""
+
+    points: FloatArray  # [N, 3]
+    pixel_m: FloatArray  # [N], width of a pixel at this distance
+    normal: FloatArray  # [N, 3], towards the eye
+    texture: IntArray  # [N]
+    tint: FloatArray  # [N, 3]
+    uv: FloatArray  # [N, 2], place on the texture in tiles
+    uv_axes: FloatArray  # [N, 2, 3], change of uv by a step in the world
+
+
 @dataclass(frozen=True)
-class _Frame:
-    """One instant seen from one place."""
+class _View:
+    """The street at a time from a camera."""
 
     caster: RayCaster
     street: Street
@@ -68,68 +99,66 @@ class _Frame:
         """
         blur_px = self.optics.blur_px
         margin_px = int(self.blur_reach * blur_px + 0.5) + 1
-        size_px = (self.camera.width_px, self.camera.height_px)
-        width_px, height_px = np.add(size_px, 2 * margin_px).tolist()
-        padded = self.camera.cropped(
-            -margin_px, -margin_px, width_px, height_px
+        shape = (
+            self.camera.height_px + 2 * margin_px,
+            self.camera.width_px + 2 * margin_px,
         )
-        pixels = pinhole.pixel_grid(padded) - margin_px
+        rows, columns = np.indices(shape, float).reshape(2, -1) - margin_px
+        pixels = np.column_stack([columns, rows])
         light, depth, is_moving, texture = self._trace(pixels)
 
-        channels = np.dstack([light, texture])
+        channels = np.column_stack([light, texture]).reshape(*shape, 4)
         high = cv2.dilate(channels, np.ones((3, 3)))
         low = cv2.erode(channels, np.ones((3, 3)))
         max_contrast = [self.max_contrast] * 3 + [0.0]
         is_edge = (high - low > max_contrast * (high + low)).any(axis=-1)
-        offsets_px = np.array([(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)])
-        more_light, _, more_moving, _ = self._trace(
-            pixels[is_edge][:, None] + offsets_px
-        )
-        light[is_edge] = (light[is_edge] + more_light.sum(axis=1)) / 4
-        is_moving[is_edge] |= more_moving.any(axis=1)
+        edges = np.flatnonzero(is_edge)
+        for offset_px in ((-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)):
+            more, _, more_moving, _ = self._trace(pixels[edges] + offset_px)
+            light[edges] += more
+            is_moving[edges] |= more_moving
+        light[edges] /= 4
 
         light = gaussian_filter(
-            light, (blur_px, blur_px, 0), truncate=self.blur_reach
+            light.reshape(*shape, 3),
+            (blur_px, blur_px, 0),
+            truncate=self.blur_reach,
         )
         inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
-        return light[inner], depth[inner].astype(np.float32), is_moving[inner]
+        depth = depth.reshape(shape).astype(np.float32)
+        return light[inner], depth[inner], is_moving.reshape(shape)[inner]
 
-    def _trace(self, pixels: FloatArray) -> list[npt.NDArray[Any]]:
-        """Return light [..., 3], depth, moving and texture [...] of rays through pixels [..., 2].
+    def _trace(
+        self, pixels: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
+        """Return light [N, 3], depth, moving and texture [N] of rays through pixels [N, 2].
 
         The texture of the sky is -1.
         """
-        shape = pixels.shape[:-1]
+        rotation = self.world_from_cam[:3, :3]
         eye = self.world_from_cam[:3, 3]
-        rays = pinhole.unproject(pixels, np.ones(shape), self.camera)
-        rays = rays.reshape(-1, 3) @ self.world_from_cam[:3, :3].T
+        rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera)
+        rays = rays @ rotation.T
         depth, solids, faces = self.caster.cast(eye, rays)
 
         weather = self.street.weather
-        is_sky = solids < 0
-        light = np.empty_like(rays)
-        sky_rays = rays[is_sky]
-        sky_rays /= np.linalg.norm(sky_rays, axis=-1, keepdims=True)
-        light[is_sky] = weather.sky_light(sky_rays)
-        texture = np.full(len(rays), -1)
         is_moving = self._is_traffic(solids)
+        texture = np.full(len(rays), -1)
+        light = np.empty_like(rays)
+        is_sky = solids < 0
+        light[is_sky] = weather.sky_light(_unit(rays[is_sky]))
 
-        seen = np.flatnonzero(~is_sky)
+        seen = ~is_sky
         points = eye + depth[seen, None] * rays[seen]
         pixel_m = depth[seen] / self.camera.fx_px
         hits = self._hits(points, pixel_m, solids[seen], faces[seen])
-        above = hits.points + 0.02 * (hits.normal + weather.to_sun)
+        above = points + 0.02 * (hits.normal + weather.to_sun)
         _, blockers, _ = self.caster.cast(above, weather.to_sun)
-        is_lit = blockers < 0
-        light[seen] = shade(hits, eye, is_lit, weather, self.optics)
+        light[seen] = self._shade(hits, blockers < 0)
         texture[seen] = hits.texture
         is_turned_to_sun = hits.normal @ weather.to_sun > 0
         is_moving[seen] |= self._is_traffic(blockers) & is_turned_to_sun
-        maps = (depth, is_moving, texture)
-        return [
-            light.reshape(*shape, 3),
-            *(values.reshape(shape) for values in maps),
-        ]
+        return light, depth, is_moving, texture
 
     def _is_traffic(self, solids: IntArray) -> BoolArray:
         """Return whether solids are parts of moving cars, which come last."""
@@ -141,29 +170,77 @@ class _Frame:
         pixel_m: FloatArray,  # [N]
         numbers: IntArray,  # [N], of the solids
         faces: IntArray,  # [N]
-    ) -> Hits:
+    ) -> _Hits:
         """Return the hits at points on solids, with the road's surface on the ground."""
         solids = self.caster.solids
         frame = self.caster.local_from_world[numbers]  # [N, 3, 4]
         local = np.einsum("nij,nj->ni", frame[..., :3], points) + frame[..., 3]
-        axis = faces // 2
-        direction = np.eye(3)[axis] * (2 * (faces % 2) - 1)[:, None]
-        direction[:, 1] -= solids.taper[numbers, faces]
+        direction = solids.planes[numbers, faces, :3]
         is_round = solids.is_round[numbers]
         direction[is_round] = local[is_round] - 0.5
-        axis[is_round] = np.abs(direction[is_round]).argmax(axis=-1)
-        normal = np.einsum("nij,ni->nj", frame[..., :3], direction)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal = _unit(np.einsum("nij,ni->nj", frame[..., :3], direction))
 
+        axis = np.abs(direction).argmax(axis=-1)
         texture = solids.textures[numbers, axis]
-        size_m = 1 / np.linalg.norm(frame[..., :3], axis=-1)  # [N, 3]
-        pick = (np.arange(len(points))[:, None], UV_AXES[axis])
+        across = np.array([[2, 1], [0, 2], [0, 1]])[axis]  # axes of the texture
+        pick = (np.arange(len(points))[:, None], across)
+        uv_axes = frame[..., :3][pick]
         tile_m = TILE_M[texture]
-        tiles = np.where(tile_m > 0, size_m[pick] / np.maximum(tile_m, 1e-9), 1)
+        tiles = 1 / np.linalg.norm(uv_axes, axis=-1) / np.maximum(tile_m, 1e-9)
+        tiles[tile_m == 0] = 1
         uv = tiles * local[pick]
-        uv_axes = tiles[..., None] * frame[..., :3][pick]
+        uv_axes *= tiles[..., None]
         ground = np.flatnonzero(texture == Texture.GROUND)
-        surface = self.street.roads.surface(points[ground][:, [0, 2]])
+        places: Places = points[ground, 0] + 1j * points[ground, 2]
+        surface = self.street.roads.surface(places)
         texture[ground], uv[ground], uv_axes[ground] = surface
         tint = solids.tints[numbers, axis]
-        return Hits(points, normal, texture, tint, uv, uv_axes, pixel_m)
+        return _Hits(points, pixel_m, normal, texture, tint, uv, uv_axes)
+
+    def _shade(self, hits: _Hits, is_lit: BoolArray) -> FloatArray:
+        """Return the light [N, 3] that comes from hits to the eye.
+
+        `is_lit` [N] is whether the sun reaches the surface.
+        """
+        weather = self.street.weather
+        sight = hits.points - self.world_from_cam[:3, 3]
+        ray = _unit(sight)
+        facing = -np.einsum("nj,nj->n", hits.normal, ray)[:, None]
+
+        # The footprint of a pixel is longer along the surface, away from the eye.
+        away = _unit(ray + facing * hits.normal)
+        longer_m = hits.pixel_m[:, None] / np.maximum(facing, 0.02) * away
+        shorter_m = np.maximum(hits.pixel_m, self.optics.finest_detail_m)
+        longer = np.einsum("nkj,nj->nk", hits.uv_axes, longer_m)
+        tiles_per_m = np.linalg.norm(hits.uv_axes, axis=-1).max(axis=-1)
+        texel = sample(hits.texture, hits.uv, longer, shorter_m * tiles_per_m)
+        is_tinted = texel[:, 3:]  # 0 to 1
+        colour = texel[:, :3] * (1 + is_tinted * (hits.tint - 1))
+        colour *= _stains(hits)
+        light = colour**2 * weather.irradiance(
+            hits.normal, is_lit, hits.texture == Texture.LEAVES
+        )
+
+        reflected = weather.sky_light(ray + 2 * facing * hits.normal)
+        gloss = self.optics.gloss * column("gloss", 0.0)[hits.texture, None]
+        gloss *= 1 - 0.7 * is_tinted
+        gloss *= 0.25 + 0.75 * (1 - np.clip(facing, 0, 1)) ** 5  # Schlick 1994
+        light += gloss * (reflected - light)
+        haze_lengths = self.optics.haze_per_m * np.linalg.norm(sight, axis=-1)
+        transmission = np.exp(-haze_lengths)[:, None]
+        return light * transmission + weather.horizon * (1 - transmission)
+
+
+def _stains(hits: _Hits) -> FloatArray:
+    """Return the factors [N, 1] of large stains, which hide the repetition of the textures."""
+    tile_m = TILE_M[Texture.STAINS]
+    uv = hits.points @ [[1.0, 0.0], [0.5, 0.7], [0.0, 1.0]] / tile_m
+    blur = np.minimum(4 * hits.pixel_m, 8.0) / tile_m[0]
+    pattern = sample(Texture.STAINS, uv, 0 * uv, blur)[:, :1]
+    return 1 + column("stains", 0.0)[hits.texture, None] * (2 * pattern - 1)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors [N, 3] scaled to length 1."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.maximum(lengths, 1e-9)

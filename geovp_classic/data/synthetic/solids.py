@@ -4,6 +4,7 @@ Each solid fills its unit box: local coordinates are 0 to 1 from left to right, 
 from rear to front. A taper narrows a box towards its top.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numba
@@ -16,8 +17,8 @@ class Solids(NamedTuple):
     """Solids with the textures of the surfaces across x, y and z."""
 
     world_from_local: FloatArray  # [K, 4, 4], affine
-    taper: FloatArray  # [K, 6], left, right, 0, 0, rear, front; by how much the top is narrower
-    is_round: BoolArray  # [K]
+    planes: FloatArray  # [K, 6, 4], local, outward; left, right, top, foot, rear, front
+    is_round: BoolArray  # [K], ellipsoids
     textures: IntArray  # [K, 3]
     tints: FloatArray  # [K, 3, 3], (surfaces) x (red, green, blue)
 
@@ -27,43 +28,42 @@ class Solids(NamedTuple):
         return self._replace(world_from_local=moved)
 
 
-def joined(parts: list[Solids]) -> Solids:
+def joined(solids: Sequence[Solids]) -> Solids:
     """Return all solids in the given order."""
-    return Solids(*map(np.concatenate, zip(*parts, strict=True)))
+    return Solids(*map(np.concatenate, zip(*solids, strict=True)))
+
+
+def box_planes(taper: Sequence[float]) -> FloatArray:
+    """Return the faces [6, 4] of a box whose top is narrower at left, right, rear and front."""
+    planes = np.zeros((6, 4))
+    planes[range(6), [0, 0, 1, 1, 2, 2]] = [-1.0, 1.0] * 3
+    planes[1::2, 3] = -1.0
+    planes[[0, 1, 4, 5], 1] = np.negative(taper)
+    planes[[0, 1, 4, 5], 3] += taper
+    return planes
 
 
 class RayCaster:
     """Solids in a hierarchy of bounding boxes (Kay & Kajiya 1986).
 
-    The hierarchy is a complete binary tree without pointers: node i has the children 2 i + 1 and
-    2 i + 2, and each leaf holds one solid.
+    The hierarchy is a complete binary tree over the solids, sorted by squares of 20 m. Node i has
+    the children 2 i and 2 i + 1, and each leaf holds one solid.
     """
 
     def __init__(self, solids: Solids) -> None:
-        """Sort the solids into leaves; nodes are halved along their longest side."""
         self.solids = solids
         self.local_from_world = np.linalg.inv(solids.world_from_local)[:, :3]
-        unit = np.indices((2, 2, 2)).reshape(3, 8)
-        corners = solids.world_from_local[:, :3, :3] @ unit
+        axes = solids.world_from_local[:, :3, :3]
+        corners = axes @ np.indices((2, 2, 2)).reshape(3, 8)
         corners += solids.world_from_local[:, :3, 3:]
-        bounds = np.stack([corners.min(axis=2), corners.max(axis=2)], axis=1)
-
-        num_leaves = 1 << (len(bounds) - 1).bit_length()
-        order = np.arange(num_leaves)[None] * len(bounds) // num_leaves
-        while len(order) < num_leaves:
-            middle = bounds.sum(axis=1)[order]  # [nodes, solids, 3]
-            axis = np.ptp(middle, axis=1).argmax(axis=-1)
-            along = np.take_along_axis(middle, axis[:, None, None], axis=2)
-            halves = np.argpartition(along[..., 0], order.shape[1] // 2)
-            order = np.take_along_axis(order, halves, axis=1)
-            order = order.reshape(2 * len(order), -1)
-        self.order = order.ravel()
-        levels = [bounds[self.order]]
+        bounds = np.stack([corners.min(axis=2), -corners.max(axis=2)], axis=1)
+        order = np.lexsort(solids.world_from_local[:, [0, 2], 3].T // 20)
+        num_leaves = 1 << (len(order) - 1).bit_length()
+        self.leaves = order[np.arange(num_leaves) * len(order) // num_leaves]
+        levels = [bounds[self.leaves]]
         while len(levels[0]) > 1:
-            low, high = levels[0].reshape(-1, 2, 2, 3).transpose(2, 1, 0, 3)
-            pair = [np.minimum(*low), np.maximum(*high)]
-            levels.insert(0, np.stack(pair, axis=1))
-        self.boxes = np.concatenate(levels)  # [2 * leaves - 1, 2, 3]
+            levels.insert(0, np.minimum(levels[0][::2], levels[0][1::2]))
+        self.bounds = np.concatenate([levels[0], *levels])  # [nodes, 2, 3]
 
     def cast(
         self,
@@ -73,25 +73,22 @@ class RayCaster:
         """Return the nearest hits of rays.
 
         These are lengths [N] in ray directions (inf: nothing), solids [N] (-1: none) and faces [N]
-        (left, right, top, foot, rear, front; 0 of ellipsoids).
+        (0 of ellipsoids).
         """
         rays = np.broadcast_arrays(origins, directions)
-        solids = self.solids
-        frames = self.local_from_world
         return _cast(
-            self.boxes,
-            self.order,
-            frames,
-            solids.taper,
-            solids.is_round,
+            self.bounds,
+            self.leaves,
+            self.local_from_world,
+            self.solids.planes,
+            self.solids.is_round,
             *map(np.ascontiguousarray, rays),
         )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _cast(boxes, order, frames, taper, is_round, origins, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _cast(bounds, leaves, frames, planes, is_round, origins, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Search depth first; skip boxes behind the nearest hit."""
-    stack = np.empty(64, np.int64)  # one node per level of the tree
     lengths = np.full(len(origins), np.inf)
     solids = np.full(len(origins), -1)
     faces = np.zeros(len(origins), np.int64)
@@ -99,44 +96,41 @@ def _cast(boxes, order, frames, taper, is_round, origins, directions):  # type: 
     step = np.empty(3)
     inverses = 1 / directions
     for ray in range(len(origins)):
-        stack[0] = 0
-        count = 1
-        while count > 0:
-            count -= 1
-            node = stack[count]
-            to_box = _to_bounds(boxes[node], origins[ray], inverses[ray])
-            leaf = node + 1 - len(order)
-            if to_box >= lengths[ray]:
+        node = 1
+        while node > 0:
+            to_bounds = _to_bounds(bounds[node], origins[ray], inverses[ray])
+            is_near = to_bounds < lengths[ray]
+            if is_near and node < len(leaves):
+                node *= 2
                 continue
-            if leaf < 0:
-                stack[count] = 2 * node + 1
-                stack[count + 1] = 2 * node + 2
-                count += 2
-                continue
-            solid = order[leaf]
-            for axis in range(3):
-                row = frames[solid, axis]
-                start[axis] = _dot(row, origins[ray]) + row[3]
-                step[axis] = _dot(row, directions[ray])
-            if is_round[solid]:
-                length, face = _to_ball(start, step)
-            else:
-                length, face = _to_box(taper[solid], start, step)
-            if length < lengths[ray]:
-                lengths[ray] = length
-                solids[ray] = solid
-                faces[ray] = face
+            if is_near:
+                solid = leaves[node - len(leaves)]
+                for axis in range(3):
+                    row = frames[solid, axis]
+                    start[axis] = _dot(row, origins[ray]) + row[3]
+                    step[axis] = _dot(row, directions[ray])
+                if is_round[solid]:
+                    length, face = _to_ball(start, step)
+                else:
+                    length, face = _to_box(planes[solid], start, step)
+                if length < lengths[ray]:
+                    lengths[ray] = length
+                    solids[ray] = solid
+                    faces[ray] = face
+            while node % 2 == 1:  # both children are done
+                node //= 2
+            node += node > 0
     return lengths, solids, faces
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
-def _to_bounds(box, origin, inverse):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Return where a ray enters a bounding box, inf if it misses it."""
+def _to_bounds(bounds, origin, inverse):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Return where a ray enters a bounding box (low, -high), inf if it misses it."""
     entry = 0.0
     exit_ = np.inf
     for axis in range(3):
-        a = (box[0, axis] - origin[axis]) * inverse[axis]
-        b = (box[1, axis] - origin[axis]) * inverse[axis]
+        a = (bounds[0, axis] - origin[axis]) * inverse[axis]
+        b = (-bounds[1, axis] - origin[axis]) * inverse[axis]
         entry = max(entry, min(a, b))
         exit_ = min(exit_, max(a, b))
     return entry if entry <= exit_ else np.inf
@@ -144,7 +138,7 @@ def _to_bounds(box, origin, inverse):  # type: ignore[no-untyped-def]  # noqa: A
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
 def _to_ball(start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Return where a local ray enters the ball in the unit box, inf if never or if inside."""
+    """Return where a local ray enters the ball, and face 0; inf if never or if inside."""
     start -= 0.5
     a = _dot(step, step)
     b = _dot(step, start)
@@ -156,16 +150,14 @@ def _to_ball(start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
-def _to_box(taper, start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _to_box(planes, start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return where a local ray enters a tapered box, and through which face; inf if never."""
     entry = 0.0
     exit_ = np.inf
     entered = -1
     for face in range(6):
-        axis = face // 2
-        sign = 2 * (face % 2) - 1
-        height = sign * start[axis] - face % 2 + taper[face] * (1 - start[1])
-        slope = sign * step[axis] - taper[face] * step[1]
+        height = _dot(planes[face], start) + planes[face, 3]
+        slope = _dot(planes[face], step)
         length = -height / slope
         if slope < 0 and length > entry:
             entry = length

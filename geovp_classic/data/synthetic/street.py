@@ -13,16 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from geovp_classic.data.synthetic.manoeuvres import Journey, Manoeuvre, plan
-from geovp_classic.data.synthetic.roads import Roads, world_from_vehicle
-from geovp_classic.data.synthetic.shading import Weather
-from geovp_classic.data.synthetic.solids import Solids, joined
+from geovp_classic.data.synthetic.manoeuvres import Manoeuvre, plan
+from geovp_classic.data.synthetic.roads import (
+    Journey,
+    Places,
+    Roads,
+    world_from_vehicle,
+)
+from geovp_classic.data.synthetic.solids import Solids, box_planes, joined
 from geovp_classic.data.synthetic.textures import Texture
+from geovp_classic.data.synthetic.weather import Weather
 from geovp_classic.types import FloatArray
 
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-ROWS = TABLES["rows"]
-CARS = ROWS[1]["models"]
 
 
 @dataclass(frozen=True)
@@ -39,17 +42,18 @@ class Street:
         """Return all solids at a time, those of the traffic last."""
         solids = [self.static]
         for car, journey in self.traffic:
-            places, yaw_rad = journey.place_at(np.array([time_s]))
-            solids.append(car.moved(world_from_vehicle(places, yaw_rad)[0]))
+            pose = world_from_vehicle(*journey.place_at(np.array([time_s])))[0]
+            solids.append(car.moved(pose))
         return joined(solids)
 
 
 def build_street(seed: int, manoeuvre: Manoeuvre) -> Street:
     """Return the street for a manoeuvre, furnished for 230 m."""
     rng = np.random.default_rng([seed, list(Manoeuvre).index(manoeuvre)])
-    roads, ego, others = plan(manoeuvre, rng)
-    traffic = [(model(rng, str(rng.choice(CARS))), other) for other in others]
-    weather = _weather(rng)
+    roads, (ego, *others) = plan(manoeuvre, rng)
+    cars = TABLES["rows"][1]["models"]
+    traffic = [(model(rng, str(rng.choice(cars))), other) for other in others]
+    weather = Weather.drawn(rng)
     along_m = ego.start_m + np.arange(-20.0, 230.0)
     drive, _ = ego.path.at(along_m, ego.right_m)
     centre = world_from_vehicle(drive[:1], np.zeros(1))[0]
@@ -64,7 +68,8 @@ def model(rng: Generator, name: str) -> Solids:
         name: rng.choice(choices) for name, choices in TABLES["tints"].items()
     }
     parts = _tree(rng) if name == "tree" else TABLES["models"][name]
-    return joined([_solid(tints, **part) for part in parts])
+    columns = zip(*(_solid(tints, **part) for part in parts), strict=True)
+    return Solids(*map(np.array, columns))
 
 
 def _solid(
@@ -74,19 +79,14 @@ def _solid(
     paint: Sequence[tuple[str, str]],
     taper: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     round: bool = False,
-) -> Solids:
-    """Return one solid."""
+) -> tuple[Any, ...]:
+    """Return the fields of one solid."""
     world_from_local = np.diag([*np.subtract(high, low), 1.0])
     world_from_local[:3, 3] = low[0], -high[1], low[2]
     surfaces = [*paint] * (3 // len(paint))
-    columns = (
-        world_from_local,
-        [*taper[:2], 0, 0, *taper[2:]],
-        round,
-        [Texture[texture.upper()] for texture, _ in surfaces],
-        [tints[tint] for _, tint in surfaces],
-    )
-    return Solids(*(np.array([column]) for column in columns))
+    textures = [Texture[texture.upper()] for texture, _ in surfaces]
+    surface_tints = [tints[tint] for _, tint in surfaces]
+    return world_from_local, box_planes(taper), round, textures, surface_tints
 
 
 def _tree(rng: Generator, num_lumps: int = 24) -> list[dict[str, Any]]:
@@ -115,30 +115,30 @@ def _tree(rng: Generator, num_lumps: int = 24) -> list[dict[str, Any]]:
 def _furniture(
     rng: Generator,
     roads: Roads,
-    drive: FloatArray,  # [K, 2], places that the camera passes
+    drive: Places,  # [K], places that the camera passes
     distances_m: tuple[float, float] = (1.7, 110.0),  # from the drive
 ) -> list[Solids]:
     """Return the objects beside the roads; none overlaps another or reaches over its kerb."""
     objects = []
-    occupied = np.empty((0, 3))  # x, z and radius
-    for path, row, side in itertools.product(roads.paths, ROWS, (-1.0, 1.0)):
+    occupied = np.empty((0, 2), complex)  # place and radius
+    rows = TABLES["rows"]
+    for path, row, side in itertools.product(roads.paths, rows, (-1.0, 1.0)):
+        radius_m = row.get("radius_m", 0.3)
+        around_m = row.get("kerb_m", 0.0) * np.array([0.0, -1.0, 1.0])
         low_m, high_m = row["step_m"]
         for along_m in np.cumsum(rng.uniform(low_m, high_m, 200)):
             from_kerb_m = rng.uniform(*row["from_kerb_m"])
             right_m = side * (roads.half_width_m + from_kerb_m)
-            reach_m = row.get("kerb_m", 0.0)
-            around_m = along_m + reach_m * np.array([0.0, -1.0, 1.0])
-            places, yaw_rad = path.at(around_m, right_m)
-            if roads.distance_m(places).min() < from_kerb_m - 0.3:
+            places, yaw_rad = path.at(along_m + around_m, right_m)
+            from_drive_m = np.abs(drive - places[0]).min()
+            gaps_m = np.abs(occupied[:, 0] - places[0]) - occupied[:, 1].real
+            if (
+                roads.distance_m(places).min() < from_kerb_m - 0.3
+                or not distances_m[0] < from_drive_m < distances_m[1]
+                or (gaps_m < radius_m).any()
+            ):
                 continue
-            from_drive_m = np.hypot(*(drive - places[0]).T).min()
-            if not distances_m[0] < from_drive_m < distances_m[1]:
-                continue
-            radius_m = row.get("radius_m", 0.3)
-            gaps_m = np.hypot(*(occupied[:, :2] - places[0]).T)
-            if (gaps_m < occupied[:, 2] + radius_m).any():
-                continue
-            occupied = np.vstack([occupied, [*places[0], radius_m]])
+            occupied = np.vstack([occupied, [places[0], radius_m]])
             is_parked = from_kerb_m < 0
             turn_rad = 0.5 * np.pi * side - 0.5 * np.pi * is_parked
             pose = world_from_vehicle(places[:1], yaw_rad[:1] + turn_rad)[0]
@@ -146,16 +146,3 @@ def _furniture(
             name = str(rng.choice(row["models"]))
             objects.append(model(rng, name).moved(pose))
     return objects
-
-
-def _weather(rng: Generator) -> Weather:
-    """Return a fine day with the sun 30 to 55 degrees high."""
-    elevation_rad = np.deg2rad(rng.uniform(30, 55))
-    azimuth_rad = rng.uniform(0, 2 * np.pi)
-    warmth = rng.uniform(0, 1)
-    level = np.cos(elevation_rad)
-    x = level * np.sin(azimuth_rad)
-    z = level * np.cos(azimuth_rad)
-    to_sun = np.array([x, -np.sin(elevation_rad), z])
-    sun = np.array([1.45, 1.34 - 0.07 * warmth, 1.17 - 0.18 * warmth])
-    return Weather(to_sun, sun, cloud_shift=rng.uniform(0, 1, 2))

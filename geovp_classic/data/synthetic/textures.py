@@ -21,9 +21,6 @@ from scipy import fft
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 SIZE = 512  # of the images, a power of two
-MAX_TAPS = (
-    8  # along the longer side of a footprint; limits the cost of grazing views
-)
 TABLES: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text()
 )
@@ -44,9 +41,7 @@ def column(name: str, default: Any) -> FloatArray:
 TILE_M = column("tile_m", [0.0, 0.0])  # 0: the image covers a surface once
 
 
-def noise_of(
-    rng: Generator, slope: float, min_frequency: float = 1.0
-) -> FloatArray:
+def _noise(rng: Generator, slope: float, min_frequency: float) -> FloatArray:
     """Return tileable noise [SIZE, SIZE] of zero mean and unit standard deviation.
 
     The amplitude falls as frequency**-slope. Frequencies are in cycles per tile.
@@ -60,7 +55,7 @@ def noise_of(
     return shaped / shaped.std()
 
 
-def paint(
+def _painted(
     rng: Generator,
     brightness: float = 0.9,
     colour: Sequence[float] = (1.0, 1.0, 1.0),
@@ -72,8 +67,8 @@ def paint(
     """Paint a texture of textures.toml as RGBA [SIZE, SIZE, 4]."""
     pattern = np.full((SIZE, SIZE), brightness)
     for amplitude, *spectrum in noise:
-        pattern += amplitude * noise_of(rng, *spectrum)
-    if stones is not None:
+        pattern += amplitude * _noise(rng, *spectrum)
+    if stones:
         pattern *= _stones(rng, **stones)
     colours = np.clip(pattern[..., None] * [*colour, 1e9], 0, 1)
     image = (255 * colours).astype(np.uint8)
@@ -93,13 +88,13 @@ def _stones(
     slope: float = 0.0,  # brightness from the upper to the lower edge of a stone
 ) -> FloatArray:
     """Return the brightness [SIZE, SIZE] of rows of stones."""
-    num_across, num_down = num
-    rows, columns = np.mgrid[:SIZE, :SIZE] / SIZE
-    down = rows * num_down
+    down, across = (
+        np.mgrid[:SIZE, :SIZE] / SIZE * np.reshape(num[::-1], (2, 1, 1))
+    )
     row = down.astype(int)
-    across = columns * num_across + shift * (row % 2)
-    stones = 1 + spread * rng.standard_normal((num_down, num_across))
-    brightness = stones[row, across.astype(int) % num_across]
+    across += shift * (row % 2)
+    stones = 1 + spread * rng.standard_normal(num[::-1])
+    brightness = stones[row, across.astype(int) % num[0]]
     brightness *= 1 + slope * (down % 1 - 1)
     is_joint = (across % 1 < 0.06) | (down % 1 < joint)
     return np.where(is_joint, joint_brightness, brightness)
@@ -116,35 +111,36 @@ def _draw(
 ) -> None:
     """Draw a shape on an image."""
     points = np.reshape(at, (-1, 2))
-    moved = points + shift
+    first, second = (points + shift)[:2].tolist()
     if kind == "ellipse":
-        centre, radii = moved[0].tolist(), points[1].tolist()
-        pose = (centre, radii, 0, 0, 360)
-        cv2.ellipse(image, *pose, colour, width, cv2.LINE_AA)
+        radii = points[1].tolist()
+        cv2.ellipse(image, first, radii, 0, 0, 360, colour, width, cv2.LINE_AA)
     elif kind == "rectangle":
-        first, second = moved.tolist()
         cv2.rectangle(image, first, second, colour, width)
     else:
-        cv2.polylines(image, [moved], False, colour, width, cv2.LINE_AA)
+        cv2.polylines(
+            image, [points + shift], False, colour, width, cv2.LINE_AA
+        )
 
 
-@functools.lru_cache(maxsize=1)
-def mip_maps() -> ByteArray:
-    """Paint all textures; return RGBA [textures, 2 SIZE, SIZE, 4].
-
-    Level k of a texture starts at row 2 SIZE - (2 SIZE >> k).
-    """
-    stack = np.zeros((len(Texture), 2 * SIZE, SIZE, 4), dtype=np.uint8)
-    for number, table in enumerate(TABLES.values()):
-        # All streets share the images; they differ by tints and layout.
-        image = paint(np.random.default_rng([20_110_926, number]), **table)
-        for level in range(SIZE.bit_length()):
-            size = SIZE >> level
-            first = 2 * SIZE - 2 * size
-            stack[number, first : first + size, :size] = cv2.resize(
-                image, (size, size), interpolation=cv2.INTER_AREA
-            )
-    return stack
+@functools.cache
+def mip_maps() -> tuple[ByteArray, ...]:
+    """Paint all textures; return RGBA [textures, S, S, 4] for S = SIZE, SIZE / 2, ... 1."""
+    # All streets share the images; they differ by tints and layout.
+    images = [
+        _painted(np.random.default_rng([20_110_926, number]), **table)
+        for number, table in enumerate(TABLES.values())
+    ]
+    levels = []
+    size = SIZE
+    while size > 0:
+        smaller = [
+            cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
+            for image in images
+        ]
+        levels.append(np.array(smaller, np.uint8))
+        size //= 2
+    return tuple(levels)
 
 
 def sample(
@@ -152,28 +148,29 @@ def sample(
     uv: FloatArray,  # [N, 2], in tiles; images repeat
     longer: FloatArray,  # [N, 2], the longer side of the footprint of a pixel, in tiles
     shorter: FloatArray,  # [N], length of the shorter side, in tiles
+    max_taps: int = 8,  # along the longer side; limits the cost of grazing views
 ) -> FloatArray:
     """Return RGBA [N, 4] in 0..1, averaged over the footprint of each pixel."""
     textures = np.zeros(len(uv), dtype=int) + texture
-    return _sample(mip_maps(), textures, uv, longer, shorter)
+    return _sample(mip_maps(), textures, uv, longer, shorter, max_taps)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sample(stack, texture, uv, longer, shorter):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _sample(levels, texture, uv, longer, shorter, max_taps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Average taps along the longer side of the footprint in two mip levels."""
-    size = stack.shape[2]
+    size = levels[0].shape[1]
     colours = np.zeros((len(texture), 4))
     for i in range(len(texture)):
         major = math.hypot(longer[i, 0], longer[i, 1]) * size
-        minor = max(shorter[i] * size, major / MAX_TAPS, 1.0)
-        num_taps = min(max(math.ceil(major / minor), 1), MAX_TAPS)
-        level = min(math.log2(minor), math.log2(size))
+        minor = max(shorter[i] * size, major / max_taps, 1.0)
+        num_taps = min(max(math.ceil(major / minor), 1), max_taps)
+        level = min(math.log2(minor), len(levels) - 1.0)
         for mip in range(int(level), int(level) + 2):
             weight = (1.0 - abs(level - mip)) / (255.0 * num_taps)
             if weight == 0.0:
                 continue
-            width = size >> mip
-            first = 2 * size - 2 * width
+            image = levels[mip][texture[i]]
+            width = len(image)
             for tap in range(num_taps):
                 offset = (tap + 0.5) / num_taps - 0.5
                 x = (uv[i, 0] + offset * longer[i, 0]) * width - 0.5
@@ -183,9 +180,7 @@ def _sample(stack, texture, uv, longer, shorter):  # type: ignore[no-untyped-def
                 for row in (top, top + 1):
                     for col in (left, left + 1):
                         part = (1.0 - abs(x - col)) * (1.0 - abs(y - row))
-                        texel = stack[
-                            texture[i], first + row % width, col % width
-                        ]
+                        texel = image[row % width, col % width]
                         for channel in range(4):
                             colours[i, channel] += (
                                 weight * part * texel[channel]
