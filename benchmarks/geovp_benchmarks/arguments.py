@@ -1,4 +1,4 @@
-"""Arguments that several verbs and studies take."""
+"""Argument types of several commands and studies."""
 
 import argparse
 import math
@@ -9,14 +9,14 @@ from typing import Any
 FIGURES = (".png", ".pdf", ".svg")
 
 
-def at_least(least: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
-    """The type of a finite number that is no less."""
+def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
+    """Return the type of an argument: a finite number of at least `minimum`."""
 
     def number(text: str) -> int | float:
         value = kind(text)
-        if not least <= value < math.inf:
+        if not minimum <= value < math.inf:
             raise argparse.ArgumentTypeError(
-                f"{text} is not a {'whole ' * (kind is int)}number of {least} or more"
+                f"{text} is not a {'whole ' * (kind is int)}number of {minimum} or more"
             )
         return value
 
@@ -27,7 +27,7 @@ positive = at_least(1)
 
 
 def figure_file(text: str) -> Path:
-    """The type of a file that a figure is drawn into."""
+    """Return the path of a figure; raise ArgumentTypeError if it cannot be written."""
     path = Path(text)
     if path.suffix not in FIGURES or not path.parent.is_dir():
         raise argparse.ArgumentTypeError(

@@ -30,7 +30,7 @@ def announce(step: str, done: int = 0) -> None:
 
 
 def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[Item]:
-    """The items; each is reported as done when the next one is asked for."""
+    """Yield the items; report each as done when the next one is asked for."""
     for done, item in enumerate(items, 1):
         yield item
         progress(done, total)
@@ -71,7 +71,7 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
 
 
 class _Listener(logging.Handler):
-    """Shows announced steps behind a bar."""
+    """Display of announced steps behind a bar."""
 
     def __init__(self, bar: Any) -> None:  # tqdm
         super().__init__()

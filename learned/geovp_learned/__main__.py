@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0 when the training is finished, 1 when it was interrupted, 2 for bad input."""
+    """Run a training; return 0 if it is finished, 1 if it was interrupted, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
         return {"card": _card, "export": _export, "train": _train}[options.verb](options)

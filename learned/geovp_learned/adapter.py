@@ -47,11 +47,13 @@ class TorchPredictor(ABC):
 
     @abstractmethod
     def network(self) -> nn.Module:
-        """A new network; its weights are read from the checkpoint afterwards."""
+        """Build a new network; its weights are read from the checkpoint afterwards."""
 
     @torch.inference_mode()
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """Frames [S, F, H, W, 3]; BadData when the network gives images of another shape."""
+        """Predict frames [S, F, H, W, 3]; raise BadData if the network returns images of another
+        shape.
+        """
         past = images_from_frames(context.frames[-self.num_past :])[None].to(self.device)
         samples = []
         for sample in range(num_samples):
@@ -67,7 +69,7 @@ class TorchPredictor(ABC):
 
 @functools.lru_cache(maxsize=4)
 def _loaded(predictor: TorchPredictor) -> nn.Module:
-    """The network of a predictor, ready to predict, once per process."""
+    """Return the network of a predictor, ready to predict, once per process."""
     network = predictor.network()
     if (file := predictor.checkpoint) is not None:
         checkpoints.restore(file, network, _state_dict(file), "")
@@ -87,7 +89,7 @@ def _state_dict(file: Path) -> dict[str, Tensor]:
 
 
 def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
-    """The images [1, F, 3, H, W] after the past [1, P, 3, H, W]."""
+    """Predict the images [1, F, 3, H, W] after the past [1, P, 3, H, W]."""
     images, num_past = past, past.shape[1]
     while images.shape[1] < num_past + num_future:
         new = network(images[:, -num_past:])

@@ -30,7 +30,7 @@ class NoisyNorm(nn.Module):
             nn.init.zeros_(self.gain_and_offset.bias)
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] normalised, with noise [B, noise_size]."""
+        """Normalise maps [B, C, H, W], modulated by noise [B, noise_size]."""
         normal: Tensor = self.norm(maps)
         if self.gain_and_offset is None:
             return normal
@@ -62,7 +62,7 @@ class ResidualBlock(nn.Module):
         )
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] to [B, C', H', W']."""
+        """Map features [B, C, H, W] to [B, C', H', W']."""
         inner = functional.relu(self.norm1(maps, noise))
         inner = self.conv1(_upsampled(inner) if self.resample == "up" else inner)
         inner = self.conv2(functional.relu(self.norm2(inner, noise)))
@@ -82,7 +82,7 @@ class UNet(nn.Module):
     """
 
     def __init__(self, in_channels: int, channels: Sequence[int], out_channels: int) -> None:
-        """One level down per entry of `channels`; the result has the input's size."""
+        """Build a level per entry of `channels`; the result has the input's size."""
         super().__init__()
         sizes = [in_channels, *channels]
         self.down = nn.ModuleList(
@@ -97,7 +97,7 @@ class UNet(nn.Module):
         self.head = nn.Conv2d(channels_now, out_channels, 3, padding=1)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Maps [B, C, H, W] to [B, C', H, W]."""
+        """Map features [B, C, H, W] to [B, C', H, W]."""
         skips = []
         for down in self.down:
             skips.append(maps)
@@ -108,8 +108,8 @@ class UNet(nn.Module):
 
 
 def gather(maps: Tensor, edge_px: int, levels: int) -> Tensor:
-    """Squares of pixels as channels (pixel unshuffle): [B, C, H, W] to [B, C * edge^2, H' / edge,
-    W' / edge].
+    """Rearrange squares of pixels into channels (pixel unshuffle): [B, C, H, W] to [B, C * edge^2,
+    H' / edge, W' / edge].
 
     Sides are padded with the border at the right and below to multiples of `edge_px * levels`.
     """
@@ -119,7 +119,7 @@ def gather(maps: Tensor, edge_px: int, levels: int) -> Tensor:
 
 
 def spread(maps: Tensor, edge_px: int, size_px: torch.Size) -> Tensor:
-    """Maps [B, C, H' / edge, W' / edge] bilinearly back to pixels, so that no grid shows, cut to
+    """Enlarge maps [B, C, H' / edge, W' / edge] bilinearly, so that no grid shows, and cut them to
     (height, width).
     """
     if edge_px > 1:

@@ -53,21 +53,21 @@ class Pretrained:
 
     @property
     def file(self) -> Path:
-        """The weights file."""
+        """Return the weights file."""
         return self.checkpoint or shipped(self.method)
 
     def load(self) -> tuple[nn.Module, Any]:
-        """The network, ready to predict, and the settings that it was trained with."""
+        """Load the network, ready to predict, and the settings that it was trained with."""
         return load(self.method, self.file, self.fingerprint, self.device)
 
     @property
     def input_note(self) -> str:
-        """What the network is shown, and at which size; "" where a method does not say."""
+        """Describe what the network is shown, and at which size; "" if a method does not say."""
         return ""
 
     @property
     def weights_note(self) -> str:
-        """What the weights are, for a note below tables: from their file's metadata alone."""
+        """Describe the weights in a note below tables, from the metadata of their file alone."""
         history = read_metadata(self.file).get("history", {})
         count = sum(parameter.numel() for parameter in self.load()[0].parameters())
         name = f"{self.method} weights {self.file.name} {self.fingerprint}"
@@ -90,14 +90,14 @@ class Pretrained:
 
 
 def shipped(method: str) -> Path:
-    """The weights file that comes with the package."""
+    """Return the path of the weights file that comes with the package."""
     return Path(str(resources.files("geovp_learned").joinpath("weights", f"{method}.safetensors")))
 
 
 @functools.lru_cache(maxsize=8)
 def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Module, Any]:
-    """The first network kept in a weights file, and its settings, once per process; BadData when it
-    cannot be used.
+    """Load the first network in a weights file, and its settings, once per process; raise BadData
+    if it cannot be used.
 
     The fingerprint only distinguishes files that had the same name at different times.
     """
@@ -131,8 +131,8 @@ def write(
 
 
 def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
-    """Settings, checked against the dataclass `kind`, and tensors "<network>.<parameter>" of a file
-    for `method`.
+    """Read settings, checked against the dataclass `kind`, and tensors "<network>.<parameter>" of a
+    file for `method`.
 
     BadData in one sentence when the file is missing, damaged, or of another method.
     """
@@ -152,7 +152,9 @@ def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
 
 
 def fingerprint(file: Path, wanted: str = "") -> str:
-    """The first 12 digits of a file's SHA-256; BadData when they are not those wanted."""
+    """Return the first 12 digits of a file's SHA-256; raise BadData if they differ from those
+    expected.
+    """
     try:
         digits = hashlib.sha256(files.read_bytes(file, LIMIT_BYTES)).hexdigest()[:12]
     except BadData as error:
@@ -189,8 +191,8 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
 
 
 def write_state(file: Path, state: Mapping[str, Any]) -> None:
-    """A nested state such as `state_dict`s: its tensors as safetensors, the rest as JSON in the
-    metadata.
+    """Write a nested state such as `state_dict`s: its tensors as safetensors, the rest as JSON in
+    the metadata.
     """
     tensors: dict[str, Tensor] = {}
 
@@ -211,8 +213,8 @@ def write_state(file: Path, state: Mapping[str, Any]) -> None:
 
 
 def read_state(file: Path) -> dict[str, Any]:
-    """The inverse of `write_state`, tuples as lists; BadData when the file is damaged or of another
-    kind.
+    """Read what `write_state` wrote, tuples as lists; raise BadData if the file is damaged or of
+    another kind.
     """
     metadata, tensors = read_tensors(file)
     if metadata.get("format") != STATE_FORMAT:
@@ -239,7 +241,7 @@ def read_state(file: Path) -> dict[str, Any]:
 
 
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
-    """A safetensors file with metadata as JSON, written atomically."""
+    """Write a safetensors file with metadata as JSON, atomically."""
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
         texts = {key: json.dumps(value) for key, value in metadata.items()}
@@ -251,13 +253,13 @@ def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
 
 
 def read_metadata(file: Path) -> dict[str, Any]:
-    """Only the metadata of a file that could be loaded before."""
+    """Read only the metadata of a file that could be loaded before."""
     with safe_open(file, framework="pt") as stored:
         return _metadata(stored)
 
 
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Metadata and tensors; BadData when the file is missing or damaged."""
+    """Read metadata and tensors; raise BadData if the file is missing or damaged."""
     if not file.exists():
         raise BadData(f"weights {file} do not exist: give a safetensors file")
     content = files.read_bytes(file, LIMIT_BYTES)
@@ -275,19 +277,21 @@ def _metadata(stored: Any) -> dict[str, Any]:
 
 
 def plain(settings: Any) -> dict[str, Any]:
-    """A dataclass of settings as JSON has it."""
+    """Return a dataclass of settings as plain JSON values."""
     return dict(json.loads(json.dumps(dataclasses.asdict(settings))))
 
 
 def _dataset_note(table: Mapping[str, Any]) -> str:
-    """A data set that was trained on: its name, split or sequences, and size."""
+    """Describe a data set that was trained on: its name, split or sequences, and size."""
     part = f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
     size = "x".join(map(str, table.get("size_px", ())))
     return " ".join(filter(None, (str(table.get("name")), part, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:
-    """In half precision, unless it is no floating-point tensor or would overflow."""
+    """Convert a tensor to half precision, unless it is not of floating-point numbers or would
+    overflow.
+    """
     return (
         tensor.half()
         if tensor.is_floating_point() and torch.isfinite(tensor.half()).all()

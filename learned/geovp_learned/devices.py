@@ -15,7 +15,9 @@ Result = TypeVar("Result")
 
 
 def resolved(device: str) -> str:
-    """The device itself in place of "auto"; BadData when it is none, or not on this machine."""
+    """Resolve "auto" to a device; raise BadData for an unknown device or one that this machine
+    lacks.
+    """
     if device == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     try:
@@ -27,7 +29,7 @@ def resolved(device: str) -> str:
 
 
 def described(device: str) -> str:
-    """The device in words, such as "cuda:0 (NVIDIA A100)"."""
+    """Describe the device in words, such as "cuda:0 (NVIDIA A100)"."""
     return (
         f"{device} ({torch.cuda.get_device_name(device)})" if device.startswith("cuda") else device
     )
@@ -35,8 +37,8 @@ def described(device: str) -> str:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within it, torch computes on one thread of the CPU: sums of several threads differ in their
-    last bits.
+    """Let torch compute on one thread of the CPU: sums of several threads differ in their last
+    bits.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -47,8 +49,8 @@ def one_thread() -> Iterator[None]:
 
 
 def on_one_thread_each(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
-    """The results of the tasks, each computed on one thread of the CPU, as many at once as torch
-    may use threads.
+    """Return the results of the tasks, each computed on one thread of the CPU, as many at once as
+    torch may use threads.
 
     Threads that share a layer's work wait for one another after every layer, which on a busy
     machine takes longer than the work.

@@ -42,7 +42,7 @@ class DeepVoSteps(nn.Module):
         self.network, self.num_future = network, num_future
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Metres and radians, as in `deepvo.network`."""
+        """Return metres and radians, as in `deepvo.network`."""
         past, future = self.network(images, self.num_future)
         return past, future
 
@@ -59,7 +59,7 @@ class LpipsDistance(nn.Module):
             self.register_buffer(self.names[name], tensor.clone())
 
     def forward(self, predicted: Tensor, target: Tensor) -> Tensor:
-        """LPIPS v0.1 (Zhang et al. 2018, eq. 1)."""
+        """Return LPIPS v0.1 (Zhang et al. 2018, eq. 1)."""
         weights = {name: getattr(self, buffer) for name, buffer in self.names.items()}
         pairs = zip(
             *(lpips.unit_features(self.net, weights, 2 * each - 1) for each in (predicted, target)),
@@ -81,7 +81,7 @@ def exportable(
     num_future: int = 20,
     size_px: int = 256,
 ) -> Exportable:
-    """The network of a name; BadData for one that has no ONNX form."""
+    """Return the network of a name; raise BadData for one that has no ONNX form."""
     if name not in NAMES:
         raise BadData(f"{name!r} cannot be exported to ONNX{nearest(name, NAMES)}")
     if name == "lpips":
@@ -125,7 +125,7 @@ def write_onnx(file: Path, exported: Exportable) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Torch's exporter talks of its own steps and of packages that are not needed here."""
+    """Silence torch's exporter, which reports its steps and packages that are not needed here."""
     logger = logging.getLogger("torch.onnx")
     before = logger.level
     logger.setLevel(logging.ERROR)

@@ -11,7 +11,7 @@ from geovp_learned.training_config import Training
 
 
 def check_precision(settings: Training) -> None:
-    """BadData where a processor lacks bfloat16: convolutions take about fifteen times as long,
+    """Raise BadData if a processor lacks bfloat16: convolutions take about fifteen times as long,
     LSTMs fail.
     """
     on_cpu = settings.accelerator == "cpu" or (
@@ -24,7 +24,7 @@ def check_precision(settings: Training) -> None:
 
 
 def fabric(settings: Training) -> Fabric:
-    """Lightning Fabric as the settings say; BadData where it refuses them."""
+    """Build Lightning Fabric from the settings; raise BadData if it refuses them."""
     names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
     try:
         return Fabric(**{name: getattr(settings, name) for name in names})

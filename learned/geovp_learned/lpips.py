@@ -111,7 +111,7 @@ class Lpips:
 
     @property
     def protocol(self) -> str:
-        """The definition in words."""
+        """Return the definition in words."""
         return f"LPIPS v0.1, {self.net}, {self.channels.upper()} in [-1, 1]"
 
     def __call__(
@@ -164,8 +164,8 @@ class Lpips:
 
 
 def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
-    """Features [N, C, h, w] of each layer, normalised over channels, of images [N, 3, H, W] in [-1,
-    1].
+    """Return features [N, C, h, w] of each layer, normalised over channels, of images [N, 3, H, W]
+    in [-1, 1].
     """
     shift, scale = (images.new_tensor(values)[:, None, None] for values in (SHIFT, SCALE))
     layers = {"alex": alex_features, "squeeze": squeeze_features}[net](
@@ -178,7 +178,7 @@ def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
 
 @torch.inference_mode()
 def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
-    """The same of frames [N, H, W, 3], channels last in memory."""
+    """Return the unit features of frames [N, H, W, 3], channels last in memory."""
     pixels = torch.tensor(np.ascontiguousarray(frames)).to(weights["lin0.weight"].device)
     return unit_features(net, weights, pixels.permute(0, 3, 1, 2).float() / 127.5 - 1.0)
 
@@ -190,8 +190,8 @@ def _distances(
     target: Sequence[Tensor],
     masks: Sequence[BoolArray | None],  # of [N, H, W]
 ) -> FloatArray:
-    """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where a
-    mask is empty.
+    """Return the distance of each pair under each mask [M, N] (Zhang et al. 2018, eq. 1); NaN where
+    a mask is empty.
     """
     device = predicted[0].device
     shares = [
@@ -208,7 +208,7 @@ def _distances(
 
 
 def find_weights(net: Net, named: Path | None) -> Path:
-    """The npz file to read, downloaded into the cache if need be; MissingExtra when
+    """Return the npz file to read, downloaded into the cache if necessary; raise MissingExtra if
     there is none.
     """
     file_name = f"lpips_{net}_v0.1.npz"
@@ -232,8 +232,8 @@ def find_weights(net: Net, named: Path | None) -> Path:
 
 @functools.cache
 def load_weights(net: Net, file: Path) -> Weights:
-    """The tensors of an npz file, once per process; MissingExtra unless they are LPIPS v0.1's for
-    this network.
+    """Load the tensors of an npz file, once per process; raise MissingExtra unless they are LPIPS
+    v0.1's for this network.
     """
     try:
         with np.load(file) as arrays:
@@ -261,7 +261,7 @@ def load_weights(net: Net, file: Path) -> Weights:
 
 @functools.cache
 def _weights_on(net: Net, file: Path, device: str) -> Weights:
-    """The tensors on a device, those of convolutions with channels last, which is faster."""
+    """Copy the tensors to a device, those of convolutions with channels last, which is faster."""
     weights = load_weights(net, file)
     ordered = {
         name: w.contiguous(memory_format=torch.channels_last) if w.ndim == 4 else w
@@ -271,7 +271,7 @@ def _weights_on(net: Net, file: Path, device: str) -> Weights:
 
 
 def check_images() -> tuple[ByteArray, ByteArray]:
-    """A pair of images [1, 64, 64, 3] made of integers, the same with every library version."""
+    """Return a pair of images [1, 64, 64, 3] of integers, the same with all library versions."""
     v, u, channel = np.mgrid[:64, :64, :3]
     waves = (u * (3 + channel) + v * v // 5) % 256
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
@@ -279,7 +279,9 @@ def check_images() -> tuple[ByteArray, ByteArray]:
 
 @functools.cache
 def _why_not_downloaded(net: Net, cached: Path) -> str:
-    """Inpainter the cache: "" when done, else the reason why not; tried once per process."""
+    """Fill the cache; return "" if it worked, else the reason why not. It is tried once per
+    process.
+    """
     try:
         cached.parent.mkdir(parents=True, exist_ok=True)
         backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
@@ -299,8 +301,8 @@ def _why_not_downloaded(net: Net, cached: Path) -> str:
 
 
 def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
-    """The tensors of a .pth file; it is opened only when its hash is right, and nothing in it is
-    executed.
+    """Return the tensors of a .pth file; it is opened only if its hash is right, and nothing in it
+    is executed.
     """
     logger.info("downloading %s", url)
     with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:

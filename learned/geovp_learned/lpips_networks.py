@@ -29,7 +29,7 @@ SQUEEZE_FIRES = (
 
 
 def alex_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
-    """The five rectified convolutions of AlexNet."""
+    """Return the outputs of AlexNet's five rectified convolutions."""
     for layer, stride, padding, is_pooled in ALEX_LAYERS:
         if is_pooled:
             pixels = functional.max_pool2d(pixels, 3, 2)
@@ -38,7 +38,7 @@ def alex_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
 
 
 def squeeze_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
-    """The first convolution of SqueezeNet 1.1, then six of its stages."""
+    """Return the outputs of SqueezeNet 1.1's first convolution, then of six of its stages."""
     pixels = _convolved(weights, "features.0", pixels, stride=2)
     yield pixels
     for fires, is_pooled in SQUEEZE_FIRES:
@@ -61,8 +61,8 @@ def _convolved(
 
 
 def masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
-    """Mean [N] of maps [N, h, w], weighted by how much of the mask [N, H, W] lies
-    under each cell.
+    """Return the mean [N] of maps [N, h, w], weighted by how much of the mask [N, H, W] lies under
+    each cell.
     """
     if share is None:
         return values.mean(dim=(1, 2))
@@ -76,8 +76,8 @@ def masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
 
 @functools.lru_cache(maxsize=64)
 def _pooling(size: int, cells: int) -> Tensor:
-    """The matrix [cells, size] that averages a row of pixels over each cell, as torch's adaptive
-    pooling does.
+    """Return the matrix [cells, size] that averages a row of pixels over each cell, as torch's
+    adaptive pooling does.
     """
     cell, pixel = torch.arange(cells)[:, None], torch.arange(size)
     inside = ((pixel >= cell * size // cells) & (pixel < -(-(cell + 1) * size // cells))).float()

@@ -36,37 +36,39 @@ class Method(Protocol):
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """The networks in the weights file; the first predicts, others (a discriminator) may be
-        left out.
+        """Return the networks in the weights file; the first predicts, others (a discriminator) may
+        be left out.
         """
 
     def build(self) -> dict[str, nn.Module]:
-        """New networks, initialised with torch's random numbers."""
+        """Build new networks, initialised with torch's random numbers."""
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """One optimiser for each trained network, under that network's name."""
+        """Build an optimiser for each trained network, under that network's name."""
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
-        """Examples for training or validation, in memory; BadData when a clip lacks something."""
+        """Return examples for training or validation, in memory; raise BadData if a clip lacks
+        something.
+        """
 
     def batch(
         self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator
     ) -> Batch:
-        """Tensors of the chosen training examples, augmented with `rng`."""
+        """Return tensors of the selected training examples, augmented with `rng`."""
 
     def training_step(
         self, networks: Networks, batch: Batch, step: int
     ) -> Iterator[tuple[str, Losses]]:
-        """Each network to train with its losses; it takes its optimiser step before the next is
-        yielded.
+        """Yield each network to train with its losses; it takes its optimiser step before the next
+        is yielded.
         """
 
     def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
-        """Numbers for the log; the weights with the lowest "score" are kept."""
+        """Return numbers for the log; the weights with the lowest "score" are kept."""
 
 
 def load(name: str) -> type[Method]:
-    """The method of a name; UnknownComponent with the nearest one."""
+    """Return the method of a name; raise UnknownComponent with the nearest name."""
     if name not in METHODS:
         raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
     module, _, attribute = METHODS[name].partition(":")

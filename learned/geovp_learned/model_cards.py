@@ -24,8 +24,8 @@ def model_card(
     log: Path | None = None,
     changes: training_config.Changes = training_config.NO_CHANGES,
 ) -> str:
-    """The model card of a weights file; with a training log also its curves, in about MAX_ROWS
-    rows.
+    """Write the model card of a weights file; with a training log also its curves, in about
+    MAX_ROWS rows.
 
     With a config also the command that trained it; BadData unless the weights have the settings of
     the config with these changes.
@@ -50,7 +50,7 @@ def model_card(
 
 
 def curves(rows: Iterable[Mapping[str, str]]) -> str:
-    """A table with a row per validation; training losses are means since the row before."""
+    """Return a table with a row per validation; training losses are means since the row before."""
     validations: dict[int, dict[str, float]] = {}
     losses: dict[str, list[tuple[int, float]]] = {}
     for row in rows:

@@ -24,7 +24,9 @@ def seed(*numbers: int) -> None:
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:
-    """Linear warm-up, then cosine annealing to `final_rate` (Loshchilov and Hutter 2017)."""
+    """Return the factor of a linear warm-up, then of cosine annealing to `final_rate` (Loshchilov
+    and Hutter 2017).
+    """
     if step < settings.warmup_steps:
         return (step + 1) / settings.warmup_steps
     done = (step - settings.warmup_steps) / max(settings.num_steps - settings.warmup_steps, 1)
@@ -36,8 +38,8 @@ def learning_rate_factor(step: int, settings: Training) -> float:
 def batch_indices(
     step: int, num_examples: int, batch_size: int, num_devices: int, seed: int
 ) -> list[list[int]]:
-    """The examples of each device's batch; every epoch has its own permutation, and batches may
-    span two epochs.
+    """Return the examples of each device's batch; each epoch has another permutation, and batches
+    may span two epochs.
     """
     size = batch_size * num_devices
     epochs, positions = np.divmod(np.arange(step * size, (step + 1) * size), num_examples)
@@ -52,8 +54,8 @@ def batch_indices(
 
 
 def averaged_model(network: nn.Module, num_steps: int) -> AveragedModel:
-    """EMA (Polyak and Juditsky 1992) of weights and buffers with decay 1 - 1 / num_steps; at first
-    their plain mean.
+    """Return the EMA (Polyak and Juditsky 1992) of weights and buffers with decay 1 - 1 /
+    num_steps; at first their plain mean.
     """
 
     def average(means: Sequence[Tensor], values: Sequence[Tensor], count: Tensor | int) -> None:

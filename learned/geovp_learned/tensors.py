@@ -17,28 +17,28 @@ MIRROR = np.diag(
 
 
 def images_from_frames(frames: ByteArray) -> Tensor:
-    """Frames [..., H, W, 3] as float32 [..., 3, H, W] in [0, 1]."""
+    """Convert frames [..., H, W, 3] to float32 [..., 3, H, W] in [0, 1]."""
     return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
 
 
 def frames_from_images(images: Tensor) -> ByteArray:
-    """Images [..., 3, H, W], clamped to [0, 1], as frames [..., H, W, 3]."""
+    """Convert images [..., 3, H, W], clamped to [0, 1], to frames [..., H, W, 3]."""
     return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
 
 
 def stack(frames: Sequence[ByteArray]) -> Tensor:
-    """Windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
+    """Stack windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
 
 
 def grey(frame: ByteArray) -> ByteArray:
-    """A frame [H, W, 3] without colours, in three channels."""
+    """Convert a frame [H, W, 3] to grey, in three equal channels."""
     luma = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
     return np.repeat(np.asarray(luma, dtype=np.uint8)[..., None], 3, axis=2)
 
 
 def metric_trajectory(clip: Clip, method: str) -> Trajectory:
-    """The poses that a method learns from; BadData when the clip has none in metres."""
+    """Return the poses that a method learns from; raise BadData if the clip has none in metres."""
     if clip.trajectory is None or not clip.trajectory.is_metric:
         raise BadData(
             f"{clip.name} has no metric poses, which {method} learns from: leave its sequence out"
@@ -49,8 +49,8 @@ def metric_trajectory(clip: Clip, method: str) -> Trajectory:
 def shrink(
     frames: Sequence[ByteArray], camera: Intrinsics, wanted: Intrinsics
 ) -> tuple[list[ByteArray], Intrinsics]:
-    """Frames [H, W, 3] at the focal lengths of another camera where that makes them smaller, and
-    their camera.
+    """Shrink frames [H, W, 3] to the focal lengths of another camera if that makes them smaller;
+    return their camera, too.
 
     Area averages, so that later sampling does not alias.
     """
@@ -74,8 +74,8 @@ def reproject(
     *,
     mirrored: bool = False,
 ) -> ByteArray:
-    """The view of another camera at the same place: its calibration, a rotation, left and right
-    exchanged if mirrored.
+    """Return the view of another camera at the same place: its calibration, a rotation, left and
+    right exchanged if mirrored.
 
     What the frame does not show is filled with its border.
     """
@@ -93,8 +93,8 @@ def reproject(
 
 
 def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
-    """Images [N, C, H, W] at positions (u, v) [N, H', W', 2]: bilinear, the border repeated beyond
-    it.
+    """Sample images [N, C, H, W] at positions (u, v) [N, H', W', 2]: bilinear, the border repeated
+    beyond it.
     """
     size = positions_px.new_tensor([images.shape[3], images.shape[2]])
     grid = (2 * positions_px + 1) / size - 1  # -1 and 1 are the outer edges of the image
@@ -104,5 +104,5 @@ def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
 
 
 def psnr_db(predicted: Tensor, target: Tensor) -> Tensor:
-    """PSNR of images [..., 3, H, W] in [0, 1]; 80 dB at most."""
+    """Return the PSNR of images [..., 3, H, W] in [0, 1]; 80 dB at most."""
     return -10 * torch.log10(((predicted - target) ** 2).mean((-3, -2, -1)).clamp(min=1e-8))

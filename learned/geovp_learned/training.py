@@ -140,14 +140,14 @@ class Trainer:
 
     @property
     def finished(self) -> bool:
-        """All steps are done, or patience is exhausted; False: interrupted, goes on when started
-        again.
+        """Return whether all steps are done, or patience is exhausted; False: interrupted, resumed
+        when started again.
         """
         progress, settings = self.progress, self.settings
         return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
 
     def train_step(self, examples: Sequence[Any], bar: Any) -> None:
-        """One step on the step's batch; its losses are logged every LOG_EVERY steps."""
+        """Take a step on its batch; its losses are logged every LOG_EVERY steps."""
         step, settings, rank, world = (
             self.progress.step,
             self.settings,
@@ -169,8 +169,8 @@ class Trainer:
             bar.set_postfix({name: f"{number:.3g}" for name, number in numbers.items()})
 
     def optimise(self, batch: Batch, step: int) -> Losses:
-        """Optimiser steps on a batch; the losses by name, "<network>.<loss>" where several networks
-        learn.
+        """Take optimiser steps on a batch; return the losses by name, "<network>.<loss>" where
+        several networks learn.
         """
         schedules.seed(self.settings.seed, schedules.STEP_SEED, step, self.fabric.global_rank)
         factor = schedules.learning_rate_factor(step, self.settings)
@@ -189,7 +189,7 @@ class Trainer:
         return logged
 
     def optimiser_step(self, name: str, total: Tensor) -> None:
-        """Backward pass, gradient clipping and step of one network."""
+        """Run the backward pass, gradient clipping and optimiser step of one network."""
         self.bare_optimisers[
             name
         ].zero_grad()  # the losses of other networks leave gradients here, too
@@ -283,7 +283,7 @@ class Trainer:
         self.progress = Progress(**state["progress"])
 
     def parts(self) -> tuple[tuple[str, Mapping[str, Any]], ...]:
-        """The parts of the state that have a `state_dict`, in groups."""
+        """Return the objects of the state that have a `state_dict`, in groups."""
         networks = (("networks", self.bare), ("averages", self.averages))
         return (
             *networks,
@@ -292,7 +292,7 @@ class Trainer:
         )
 
     def write_log(self, split: str, numbers: Mapping[str, float]) -> None:
-        """One row of the log per number, from the first process."""
+        """Write a row of the log per number, from the first process."""
         if self.fabric.is_global_zero:
             training_log.append(
                 self.folder / LOG, self.progress.step, self.progress.seconds, split, numbers
@@ -300,7 +300,7 @@ class Trainer:
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
-    """The clips of all data sets, one after the other."""
+    """Return the clips of all data sets, one after the other."""
     for dataset in datasets:
         for index in tqdm(
             range(len(dataset)), desc=f"reading {dataset.name}", leave=False, delay=2.0
@@ -310,7 +310,7 @@ def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[list[int]]:
-    """The signals that asked to stop (Ctrl-C, SIGTERM); the current step is finished first."""
+    """Collect signals that ask to stop (Ctrl-C, SIGTERM); the current step is finished first."""
     received: list[int] = []
     numbers = (
         (signal.SIGINT, signal.SIGTERM)

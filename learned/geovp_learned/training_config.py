@@ -61,7 +61,9 @@ class Training:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """The fields that the result depends on; the others may change when a run is resumed."""
+        """Return the fields that the result depends on; the others may change when a run is
+        resumed.
+        """
         names = [
             "num_steps",
             "batch_size",
@@ -87,7 +89,7 @@ class Changes:
 
     @property
     def given(self) -> dict[str, Any]:
-        """Those that are not None, by name."""
+        """Return the fields that are not None, by name."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -108,7 +110,7 @@ class TrainingConfig:
 def load(
     method_name: str, file: Path, root: Path | None = None, changes: Changes = NO_CHANGES
 ) -> TrainingConfig:
-    """The config of a file, or of the name of a shipped one such as "deepvo-small".
+    """Load the config of a file, or of the name of a shipped one such as "deepvo-small".
 
     `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent
     naming the field.
@@ -121,8 +123,8 @@ def load(
 def settings(
     method_name: str, file: Path, changes: Changes = NO_CHANGES
 ) -> tuple[methods.Method, Training, Mapping[str, Any]]:
-    """The method and training of a config, and its tables, without building data sets; arguments
-    and errors: `load`.
+    """Return the method and training of a config, and its tables, without building data sets;
+    arguments and errors: `load`.
     """
     content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
     fields = changes.given
@@ -148,7 +150,7 @@ def settings(
 
 
 def _merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The table with the changes, tables within it changed in the same way."""
+    """Merge changes into a table, and in the same way into the tables in it."""
     both = {
         key: _merged(table[key], value)
         for key, value in changes.items()
@@ -158,7 +160,7 @@ def _merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
 
 
 def shipped() -> list[str]:
-    """The names of the configs that come with the package, sorted."""
+    """Return the sorted names of the configs that come with the package."""
     folder = resources.files("geovp_learned").joinpath("configs")
     return sorted(
         file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml")
@@ -166,7 +168,7 @@ def shipped() -> list[str]:
 
 
 def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
-    """The settings of data sets without paths on this machine, and the hash of their splits."""
+    """Return the settings of data sets without local paths, and the hash of their splits."""
     tables = [registry.describe(dataset) for dataset in datasets]
     for table, dataset in zip(tables, datasets, strict=True):
         table.pop("root", None)
@@ -209,7 +211,7 @@ def _datasets(
 
 
 def _expanded(path: str, where: str) -> str:
-    """The path with its environment variables replaced."""
+    """Return the path with its environment variables replaced."""
     expanded = os.path.expandvars(path)
     if unset := re.search(r"\$\{?(\w+)", expanded):
         raise BadData(

@@ -19,7 +19,7 @@ def truncate(file: Path, step: int) -> None:
 
 
 def append(file: Path, step: int, seconds: float, split: str, numbers: Mapping[str, float]) -> None:
-    """One row per number."""
+    """Append a row per number."""
     with file.open("a", newline="") as out:
         csv.writer(out).writerows(
             [step, f"{seconds:.1f}", split, name, f"{v:.6g}"] for name, v in numbers.items()
@@ -27,7 +27,7 @@ def append(file: Path, step: int, seconds: float, split: str, numbers: Mapping[s
 
 
 def read(file: Path) -> list[dict[str, str]]:
-    """The rows of a log, without a truncated last one."""
+    """Read the rows of a log, without a truncated last one."""
     with file.open(newline="") as rows:
         return [
             row

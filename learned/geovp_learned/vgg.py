@@ -34,8 +34,8 @@ SHARES = (
 
 
 def content_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Weighted mean absolute differences of five layers for frames [B, 3, H, W] in [0, 1], shown in
-    [-1, 1].
+    """Return weighted mean absolute differences of five layers for frames [B, 3, H, W] in [0, 1],
+    shown in [-1, 1].
 
     MissingExtra when there are no weights.
     """
@@ -48,8 +48,8 @@ def content_loss(predicted: Tensor, target: Tensor) -> Tensor:
 
 
 def features(weights: Mapping[str, Tensor], pixels: Tensor) -> Iterator[Tensor]:
-    """The first rectified convolution of each of VGG-19's five stages (Simonyan and Zisserman 2015,
-    E).
+    """Return the first rectified convolution of each of VGG-19's five stages (Simonyan and
+    Zisserman 2015, E).
     """
     for stage, layers in enumerate(STAGES):
         pixels = functional.max_pool2d(pixels, 2) if stage else pixels
@@ -64,8 +64,8 @@ def features(weights: Mapping[str, Tensor], pixels: Tensor) -> Iterator[Tensor]:
 
 @functools.cache
 def load_weights(file: Path) -> dict[str, Tensor]:
-    """The tensors of the convolutions, once per process; the file is opened only when its hash is
-    right.
+    """Load the tensors of the convolutions, once per process; the file is opened only if its hash
+    is right.
     """
     try:
         with file.open("rb") as content:

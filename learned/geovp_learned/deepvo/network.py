@@ -64,7 +64,7 @@ class Architecture:
 
     @property
     def camera(self) -> Intrinsics:
-        """The network's own camera."""
+        """Return the camera that the network was trained for."""
         width_px, height_px = self.size_px
         focal_px = self.focal_widths * width_px
         cx_px, cy_px = self.centre[0] * width_px - 0.5, self.centre[1] * height_px - 0.5
@@ -94,8 +94,8 @@ class PoseNetwork(nn.Module):
         self.train()
 
     def forward(self, images: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
-        """Steps [B, P - 1, D] within images [B, P, 3, H, W] in [0, 1] and [B, F, D] after them; P
-        >= 2.
+        """Estimate steps [B, P - 1, D] within images [B, P, 3, H, W] in [0, 1] and [B, F, D] after
+        them; P >= 2.
         """
         features = self.encode(images)  # [B, P - 1, N]
         hidden, state = self.past(features)
@@ -105,7 +105,7 @@ class PoseNetwork(nn.Module):
         return past, self.future(state, past, num_future)
 
     def encode(self, images: Tensor) -> Tensor:
-        """Features [B, P - 1, N] of consecutive pairs, stacked in their channels."""
+        """Encode consecutive pairs, stacked in their channels, as features [B, P - 1, N]."""
         pairs = torch.cat([images[:, :-1], images[:, 1:]], dim=2) - 0.5
         batch, count = pairs.shape[:2]
         flat = pairs.reshape(batch * count, *pairs.shape[2:]).contiguous(
@@ -133,7 +133,9 @@ class Decoder(nn.Module):
         self.head = StepHead(size, architecture.head)
 
     def forward(self, state: tuple[Tensor, Tensor], past: Tensor, num_future: int) -> Tensor:
-        """Steps [B, F, D] from the encoder's state, or from the past steps [B, P - 1, D] alone."""
+        """Predict steps [B, F, D] from the encoder's state, or from the past steps [B, P - 1, D]
+        alone.
+        """
         if self.from_poses is not None:
             _, state = self.from_poses(past / self.head.scale)
         hidden, _ = self.lstm(past.new_zeros(len(past), num_future, 1), state)
@@ -155,8 +157,8 @@ class FixedWindow(nn.Module):
         self.head = StepHead(architecture.lstm_size, architecture.head)
 
     def forward(self, features: Tensor, num_future: int) -> Tensor:
-        """Steps [B, F, D]; Incompatible for a past that is too short or a future that is
-        too long.
+        """Predict steps [B, F, D]; raise Incompatible for a past that is too short or a future that
+        is too long.
         """
         if features.shape[1] < self.num_pairs or num_future > self.num_future:
             takes = (
@@ -186,13 +188,13 @@ class StepHead(nn.Module):
         self.linear = nn.Linear(size, self.num_outputs)
 
     def forward(self, hidden: Tensor) -> Tensor:
-        """Steps [..., D] of hidden states [..., N]."""
+        """Map hidden states [..., N] to steps [..., D]."""
         return self.linear(hidden) * self.scale
 
 
 def encoder(width: float, dropout: float) -> nn.Sequential:
-    """FlowNetS's contracting part (Dosovitskiy et al. 2015) with batch norm, `width` times its
-    channels, flattened.
+    """Build the contracting part of FlowNetS (Dosovitskiy et al. 2015) with batch norm, `width`
+    times its channels, flattened.
     """
     layers: list[nn.Module] = []
     in_channels = 6
@@ -207,7 +209,8 @@ def encoder(width: float, dropout: float) -> nn.Sequential:
 
 
 def motions(steps: Tensor, head: Head) -> Tensor:
-    """Rigid motions [..., 4, 4] of steps [..., D]: the next camera's pose in this one's frame.
+    """Convert steps [..., D] to rigid motions [..., 4, 4]: the next camera's pose in this one's
+    frame.
 
     Angles turn about y (yaw, to the right), then x (pitch), then z (roll), each about the axis
     already turned.
@@ -231,8 +234,8 @@ def motions(steps: Tensor, head: Head) -> Tensor:
 
 
 def coordinates(first_from_cam: Tensor, head: Head) -> tuple[Tensor, Tensor]:
-    """Translation [..., 2 or 3] and angles [..., 1 or 3] of motions [..., 4, 4]; the inverse of
-    `motions`.
+    """Return translation [..., 2 or 3] and angles [..., 1 or 3] of motions [..., 4, 4]; the inverse
+    of `motions`.
 
     In 2D they are those on the first camera's own x-z plane.
     """
@@ -245,8 +248,8 @@ def coordinates(first_from_cam: Tensor, head: Head) -> tuple[Tensor, Tensor]:
 
 
 def chained(relative: Tensor) -> Tensor:
-    """Poses [..., N, 4, 4] in the first camera's frame, of motions from each camera to the next
-    (eq. 3.4).
+    """Chain motions from each camera to the next to poses [..., N, 4, 4] in the first camera's
+    frame (eq. 3.4).
     """
     poses = [relative[..., 0, :, :]]
     for index in range(1, relative.shape[-3]):
@@ -255,8 +258,8 @@ def chained(relative: Tensor) -> Tensor:
 
 
 def squared_errors(predicted: Tensor, real: Tensor, head: Head) -> tuple[Tensor, Tensor]:
-    """Squared translation (m^2) and squared rotation (rad^2) [...] between poses [..., 4, 4]: the
-    terms of eq. 3.6.
+    """Return squared translation (m^2) and squared rotation (rad^2) [...] between poses [..., 4,
+    4]: the terms of eq. 3.6.
     """
     (moved, turned), (really_moved, really_turned) = (
         coordinates(predicted, head),

@@ -30,18 +30,18 @@ class _PretrainedDeepVo(checkpoints.Pretrained):
 
     @property
     def input_note(self) -> str:
-        """The size of the network's own camera, and the frames it looks at."""
+        """Describe the size of the network's camera, and the frames it looks at."""
         camera = self.load()[1].architecture.camera
         return f"works at {camera.width_px}x{camera.height_px} on all observed frames"
 
     def images(self, frames: Sequence[ByteArray], camera: Intrinsics) -> Tensor:
-        """Frames [H, W, 3] as the network's images [P, 3, H, W]."""
+        """Convert frames [H, W, 3] to the network's images [P, 3, H, W]."""
         return network_images(frames, camera, self.load()[1].architecture)
 
     @torch.inference_mode()
     def poses(self, images: Tensor, times_s: FloatArray) -> tuple[Trajectory, FloatArray]:
-        """The past, in the first camera's frame, and the poses [F, 4, 4] at the later ones of the
-        times [P + F].
+        """Estimate the past, in the first camera's frame, and the poses [F, 4, 4] at the later ones
+        of the times [P + F].
         """
         if len(images) < 2:
             raise Incompatible(
@@ -68,7 +68,7 @@ class DeepVo(_PretrainedDeepVo):
     """
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The motion; Incompatible for fewer than two frames."""
+        """Estimate the motion; raise Incompatible for fewer than two frames."""
         past, futures = self.poses(
             self.images(list(context.frames), context.intrinsics), context.times_s
         )
@@ -80,7 +80,7 @@ class DeepVoOdometry(_PretrainedDeepVo):
     """The past alone, for other forecasters than DeepVO's own decoder."""
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
+        """Estimate the past trajectory, with all steps tracked; errors as `DeepVo.estimate`."""
         times_s = context.times_s[: context.num_past]
         return self.track_sequence(context.frames, times_s, context.intrinsics, None)
 
@@ -91,8 +91,8 @@ class DeepVoOdometry(_PretrainedDeepVo):
         intrinsics: Intrinsics,
         camera_height_m: float | None,
     ) -> tuple[Trajectory, BoolArray]:
-        """A whole sequence, read frame by frame; the scale was learnt, so the camera's height is
-        not used.
+        """Track a whole sequence, read frame by frame; the scale was learnt, so the camera's height
+        is not used.
         """
         images = torch.cat([self.images([frame], intrinsics) for frame in frames])
         return self.poses(images, times_s)[0], np.ones(len(images), dtype=bool)
@@ -101,7 +101,7 @@ class DeepVoOdometry(_PretrainedDeepVo):
 def network_images(
     frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture
 ) -> Tensor:
-    """Images [P, 3, H, W] in [0, 1] of frames [H, W, 3] as the network's own camera would have
+    """Convert frames [H, W, 3] to images [P, 3, H, W] in [0, 1] as the network's camera would have
     taken them.
     """
     resized, camera = shrink(frames, camera, architecture.camera)
@@ -111,7 +111,9 @@ def network_images(
 
 
 def _chained(relative: FloatArray) -> FloatArray:
-    """Poses [N, 4, 4] in the first camera's frame, kept orthonormal over long videos (eq. 3.4)."""
+    """Chain motions to poses [N, 4, 4] in the first camera's frame, kept orthonormal over long
+    videos (eq. 3.4).
+    """
     poses: list[FloatArray] = [np.eye(4)]
     for motion in relative:
         poses.append(se3.orthonormalised(poses[-1] @ motion))

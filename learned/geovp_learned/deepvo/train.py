@@ -53,16 +53,16 @@ class DeepVoTraining:
             )
 
     def build(self) -> dict[str, nn.Module]:
-        """The pose network."""
+        """Build the pose network."""
         return {"poses": PoseNetwork(self.architecture)}
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """AdamW."""
+        """Build AdamW for the network."""
         parameters = networks["poses"].parameters()
         return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Window]:
-        """Windows of the clips: all for training, every fifth for validation."""
+        """Cut windows from the clips: all for training, every fifth for validation."""
         camera = self.architecture.camera
         num_frames = self.num_past + self.num_future
         return windows.windows(
@@ -72,7 +72,7 @@ class DeepVoTraining:
     def batch(
         self, examples: Sequence[Window], indices: Sequence[int], rng: np.random.Generator
     ) -> Batch:
-        """Augmented windows, all with the same number of observed frames."""
+        """Return augmented windows, all with the same number of observed frames."""
         num_past = int(rng.integers(self.shortest_past, self.num_past + 1))
         skipped = self.num_past - num_past
         chosen = [
@@ -84,7 +84,7 @@ class DeepVoTraining:
     def training_step(
         self, networks: Networks, batch: Batch, step: int
     ) -> Iterator[tuple[str, Losses]]:
-        """The losses of the only network."""
+        """Yield the losses of the only network."""
         past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
         yield "poses", self.losses(past, future, batch["motions"], batch["known"])
 
@@ -95,7 +95,7 @@ class DeepVoTraining:
         real: Tensor,  # [B, P + F - 1, 4, 4]
         known: Tensor,  # [B, P + F - 1]
     ) -> Losses:
-        """Eq. 3.6 as means over the past's and the future's known steps."""
+        """Return the losses of eq. 3.6 as means over the past's and the future's valid steps."""
         head = self.architecture.head
         predicted = motions(torch.cat([past, future], dim=1).float(), head)
         if self.loss == "absolute":
@@ -113,8 +113,8 @@ class DeepVoTraining:
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
     def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:
-        """Mean errors of future poses and of single past steps, in m and deg; the score is the sum
-        of the future's.
+        """Return mean errors of future poses and of single past steps, in m and deg; the score is
+        the sum of the future's.
         """
         errors = []
         rng = np.random.default_rng(0)
@@ -132,8 +132,8 @@ class DeepVoTraining:
         return {"score": table[0] + table[1], **dict(zip(names, table, strict=True))}
 
     def _errors(self, past: Tensor, future: Tensor, real: Tensor) -> Tensor:
-        """Of every window, means over steps [B, 4]: the future seen from the last observed camera,
-        then past steps.
+        """Return means over steps [B, 4] of all windows: the future seen from the last observed
+        camera, then past steps.
         """
         head, split = self.architecture.head, past.shape[1]
         ahead = squared_errors(chained(motions(future, head)), chained(real[:, split:]), head)
@@ -147,5 +147,5 @@ class DeepVoTraining:
 
 
 def _mean(values: Tensor, weights: Tensor) -> Tensor:
-    """The weighted mean over the values of positive weight; 0 when there are none."""
+    """Return the weighted mean over the values of positive weight; 0 if there are none."""
     return (values * weights).sum() / (weights > 0).sum().clamp(min=1)

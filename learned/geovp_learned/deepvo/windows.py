@@ -57,7 +57,7 @@ NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
-    """The clip for a network with this camera; BadData when there are no metric poses."""
+    """Read the clip for a network with this camera; raise BadData if there are no metric poses."""
     trajectory = tensors.metric_trajectory(clip, "deepvo")
     source = clip if clip.full is None else clip.full
     frames, resized = tensors.shrink(list(source.frames), source.intrinsics, camera)
@@ -65,7 +65,7 @@ def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
 
 
 def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int = 1) -> list[Window]:
-    """Every `stride`-th window of `num_frames` frames."""
+    """Return every `stride`-th window of `num_frames` frames."""
     return [
         Window(clip, first)
         for clip in clips
@@ -81,7 +81,7 @@ def batch(
     augmentation: Augmentation,
     rng: np.random.Generator,
 ) -> Batch:
-    """Tensors of windows: "images" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and
+    """Stack windows as tensors: "images" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and
     "known" [B, P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
     """
     rows = [sample(window, camera, num_past, num_future, augmentation, rng) for window in chosen]
@@ -98,8 +98,8 @@ def sample(
     augmentation: Augmentation,
     rng: np.random.Generator,
 ) -> tuple[ByteArray, FloatArray, BoolArray]:
-    """Augmented images [P, H, W, 3], motions [P + F - 1, 4, 4] and which of them are known [P + F -
-    1].
+    """Draw augmented images [P, H, W, 3], motions [P + F - 1, 4, 4] and a mask of the valid ones [P
+    + F - 1].
     """
     shares = (
         augmentation.mirror_share,
@@ -133,6 +133,6 @@ def sample(
 
 
 def _yawed(yaw_rad: FloatArray) -> FloatArray:
-    """Rotations [..., 4, 4] about y, to the right."""
+    """Return rotations [..., 4, 4] about y, to the right."""
     zero = np.zeros_like(yaw_rad)
     return se3.exp(np.stack([zero, zero, zero, zero, yaw_rad, zero], axis=-1))

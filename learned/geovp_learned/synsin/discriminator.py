@@ -29,14 +29,16 @@ class MultiScaleDiscriminator(nn.Module):
         *,
         with_instance_norm: bool = False,
     ) -> None:
-        """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
+        """Build patch networks of `num_levels` strided convolutions, the first with `width`
+        channels.
+        """
         super().__init__()
         self.scales = nn.ModuleList(
             _PatchNetwork(width, num_levels, with_instance_norm) for _ in range(num_scales)
         )
 
     def forward(self, frames: Tensor) -> list[Features]:
-        """Features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
+        """Return features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
         outputs = []
         for scale in self.scales:
             outputs.append(scale(frames))
@@ -69,7 +71,7 @@ class _PatchNetwork(nn.Module):
 
 
 def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:
-    """Mean over scales of max(0, 1 - D(real)) + max(0, 1 + D(fake)) (Lim and Ye 2017)."""
+    """Return the mean of max(0, 1 - D(real)) + max(0, 1 + D(fake)) over scales (Lim, Ye 2017)."""
     pairs = zip(real, fake, strict=True)
     return torch.stack(
         [functional.relu(1 - a[-1]).mean() + functional.relu(1 + b[-1]).mean() for a, b in pairs]
@@ -77,8 +79,8 @@ def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features])
 
 
 def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str, Tensor]:
-    """The mean over scales of -D(fake), and the mean absolute difference of features (Wang et al.
-    2018, eq. 4).
+    """Return the mean over scales of -D(fake), and the mean absolute difference of features (Wang
+    et al. 2018, eq. 4).
     """
     with torch.no_grad():
         wanted = critic(real)

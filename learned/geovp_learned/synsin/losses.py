@@ -26,7 +26,7 @@ C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
 
 
 def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
-    """Mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in
+    """Return the mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in
     `predicted`.
 
     MissingExtra when there are no weights.
@@ -45,8 +45,8 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
 
 
 def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
-    """Mean absolute difference of inverse depths [B, H, W] 1/m, times 20 m, a typical depth; NaN is
-    not known.
+    """Return the mean absolute difference of inverse depths [B, H, W] 1/m, times 20 m, a typical
+    depth; NaN is unknown.
     """
     is_known = torch.isfinite(known)
     difference = torch.where(is_known, inverse_depths - torch.nan_to_num(known), 0.0)
@@ -60,8 +60,8 @@ def reprojection_loss(
     cam_from_last: Tensor,  # [B, V, 4, 4]
     intrinsics: Tensor,  # [B, 4]
 ) -> Tensor:
-    """Photometric error of later frames sampled at the reprojected pixels: the least of all views,
-    meant over pixels.
+    """Return the photometric error of later frames sampled at the reprojected pixels: minimum over
+    views, averaged over pixels.
 
     Pixels that project into no view do not count.
     """
@@ -86,8 +86,8 @@ def reprojection_loss(
 
 
 def smoothness_loss(inverse_depths: Tensor, frames: Tensor) -> Tensor:
-    """Edge-aware smoothness of mean-normalised inverse depths [B, H, W] (Godard et al. 2019, eq.
-    3).
+    """Return the edge-aware smoothness of mean-normalised inverse depths [B, H, W] (Godard et al.
+    2019, eq. 3).
     """
     relative = inverse_depths[:, None] / inverse_depths.mean(dim=(1, 2), keepdim=True)[
         :, None
@@ -100,7 +100,7 @@ def smoothness_loss(inverse_depths: Tensor, frames: Tensor) -> Tensor:
 
 
 def _dssim(one: Tensor, other: Tensor) -> Tensor:
-    """(1 - SSIM) / 2 over windows of 3x3 pixels [B, H, W]."""
+    """Return (1 - SSIM) / 2 over windows of 3x3 pixels [B, H, W]."""
 
     def mean(maps: Tensor) -> Tensor:
         return functional.avg_pool2d(

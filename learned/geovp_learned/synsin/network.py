@@ -98,7 +98,7 @@ class FeatureCloud(NamedTuple):
     features: Tensor  # [B, N, C], the colours in [0, 1] first where there is a colour shortcut
 
     def repeated(self, times: int) -> FeatureCloud:
-        """Each cloud `times` times in a row."""
+        """Repeat each cloud `times` times in a row."""
         return FeatureCloud(*(part.repeat_interleave(times, dim=0) for part in self))
 
 
@@ -114,7 +114,9 @@ class Generator(nn.Module):
     """SynSin without its discriminator."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights; untrained, it renders a cloud at INITIAL_M in its own colours."""
+        """Build the model with new weights; untrained, it renders a cloud at INITIAL_M in its own
+        colours.
+        """
         super().__init__()
         self.architecture = architecture
         self.noise_size = architecture.noise_size  # how many numbers of noise a rendering takes
@@ -129,8 +131,8 @@ class Generator(nn.Module):
         cam_from_last: Tensor | None = None,  # [B, V, 4, 4], metres
         depth_share: float = 1.0,
     ) -> tuple[Images | None, Tensor]:
-        """The images of V views each [B * V, ...], under random noise, and the frames' inverse
-        depths [B, H, W].
+        """Render the images of V views each [B * V, ...], under random noise; return the frames'
+        inverse depths [B, H, W], too.
 
         Without motion only the depths are computed. `depth_share` scales the images' gradient in
         the depth network.
@@ -152,14 +154,14 @@ class Generator(nn.Module):
         return images, inverse_depths.unflatten(1, size_px)
 
     def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
+        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
         return self.depth_network(frames, rays)
 
     def encode(
         self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None
     ) -> FeatureCloud:
-        """Frames [B, 3, H, W] of cameras [B, 4] as clouds; noise [B, noise_size] counts where the
-        paper has it.
+        """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds; noise [B, noise_size] is used
+        where the paper has it.
         """
         rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
         features = self.feature_network(frames, noise).float()
@@ -177,7 +179,7 @@ class Generator(nn.Module):
         size_px: tuple[int, int],
         noise: Tensor,
     ) -> Images:
-        """Clouds from the poses [B, 4, 4] of cameras [B, 4], in images of (height, width)."""
+        """Render clouds from poses [B, 4, 4] of cameras [B, 4], in images of (height, width)."""
         blended, opacities = self.splat(
             cloud, cam_from_last, intrinsics, size_px, self.architecture.splatter
         )
@@ -200,8 +202,8 @@ class Generator(nn.Module):
         size_px: tuple[int, int],
         splatter: Splatter,
     ) -> tuple[Tensor, Tensor]:
-        """Blended features with the inverse depth last [B, C + 1, H, W], and opacities [B, 1, H,
-        W].
+        """Return blended features with the inverse depth last [B, C + 1, H, W], and opacities [B,
+        1, H, W].
         """
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
@@ -217,7 +219,7 @@ class DepthNetwork(nn.Module):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights; untrained, it predicts about INITIAL_M everywhere."""
+        """Build the network with new weights; untrained, it predicts about INITIAL_M everywhere."""
         super().__init__()
         self.rows = architecture.depth_px
         self.multiple = 2 ** len(architecture.depth_channels)
@@ -228,7 +230,7 @@ class DepthNetwork(nn.Module):
         self.unet.head.bias = nn.Parameter(torch.logit(torch.tensor([share])))
 
     def forward(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
+        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
         height, width = frames.shape[2:]
         with torch.autocast(frames.device.type, enabled=False):
             directions = self.sees_rays * rays[..., :2].transpose(1, 2).unflatten(
@@ -262,8 +264,8 @@ class FeatureNetwork(nn.Module):
         self.head = nn.Conv2d(width, architecture.features - given, 1)
 
     def forward(self, frames: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Features [B, C, H, W], without the colours, of frames [B, 3, H, W]; noise is drawn where
-        none is given.
+        """Return features [B, C, H, W], without the colours, of frames [B, 3, H, W]; noise is drawn
+        if none is given.
         """
         if noise is None or not self.noise_size:
             noise = torch.randn(len(frames), self.noise_size, device=frames.device)
@@ -281,7 +283,9 @@ class RefinementNetwork(nn.Module):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights; untrained, it leaves the colours as they are, or paints all grey."""
+        """Build the network with new weights; untrained, it leaves the colours unchanged, or paints
+        all grey.
+        """
         super().__init__()
         self.patch_px, self.corrects = (
             architecture.patch_px,
@@ -308,7 +312,7 @@ class RefinementNetwork(nn.Module):
             nn.init.zeros_(parameter)
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Frames [B, 3, H, W] of splatted features and their opacity [B, C + 1, H, W]."""
+        """Decode splatted features and their opacity [B, C + 1, H, W] to frames [B, 3, H, W]."""
         finest = inner = self.stem(gather(maps, self.patch_px, 4))
         for block in self.blocks:
             inner = block(inner, noise)

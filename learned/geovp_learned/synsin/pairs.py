@@ -37,7 +37,7 @@ class FramePairs:
     inverse_depth: FloatArray  # [H, W] 1/m of the frame; NaN where it is not known
 
     def mirrored(self) -> FramePairs:
-        """Left and right exchanged, motion included."""
+        """Exchange left and right, of the motion, too."""
         camera = replace(
             self.intrinsics, cx_px=self.intrinsics.width_px - 1 - self.intrinsics.cx_px
         )
@@ -51,14 +51,14 @@ class FramePairs:
         )
 
     def grey(self) -> FramePairs:
-        """Without colours."""
+        """Remove the colours."""
         targets = np.stack([tensors.grey(target) for target in self.targets])
         return replace(self, frame=tensors.grey(self.frame), targets=targets)
 
 
 def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
-    """Every frame that has `max_horizon` frames after it; BadData when a clip is too short or has
-    no metric poses.
+    """Return all frames that have `max_horizon` frames after them; raise BadData if a clip is too
+    short or has no metric poses.
     """
     found = []
     for clip in clips:
@@ -73,7 +73,7 @@ def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
 
 
 def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
-    """The frame of an example and those `horizons` steps later."""
+    """Return the frame of an example and the frames `horizons` steps later."""
     clip, last = example.clip, example.last
     steps = [last + horizon for horizon in horizons]
     poses = tensors.metric_trajectory(clip, "synsin").world_from_cam
@@ -86,14 +86,14 @@ def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
 
 
 def augmented(pairs: FramePairs, rng: np.random.Generator, grey_share: float) -> FramePairs:
-    """Mirrored with probability 1/2, grey with probability `grey_share`."""
+    """Mirror with probability 1/2, and remove the colours with probability `grey_share`."""
     if rng.random() < 0.5:
         pairs = pairs.mirrored()
     return pairs.grey() if rng.random() < grey_share else pairs
 
 
 def batch(chosen: Sequence[FramePairs]) -> Batch:
-    """Tensors of examples of one size."""
+    """Stack examples of one size as tensors."""
     return {
         "frames": images_from_frames(np.stack([one.frame for one in chosen])),  # [B, 3, H, W]
         "targets": images_from_frames(
@@ -110,7 +110,7 @@ def batch(chosen: Sequence[FramePairs]) -> Batch:
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:
-    """fx, fy, cx, cy in pixels [1, 4]."""
+    """Return fx, fy, cx, cy in pixels [1, 4]."""
     return torch.tensor(
         [[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]], dtype=torch.float32
     )

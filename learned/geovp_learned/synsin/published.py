@@ -36,7 +36,7 @@ MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH = (
 
 
 def splatter(height_px: int) -> Splatter:
-    """The paper's splatting of 256x256 images, at the same scale in others."""
+    """Return the paper's splatting of 256x256 images, at the same scale in others."""
     return Splatter(radius_px=DISC_SHARE * height_px, points_per_pixel=POINTS_PER_PIXEL)
 
 
@@ -60,14 +60,14 @@ class PublishedGenerator(Generator):
         )
 
     def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
+        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
         return self.depth_network(2 * frames - 1)
 
     def encode(
         self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None
     ) -> FeatureCloud:
-        """Frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, NOISE_SIZE], drawn where
-        none is given.
+        """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, NOISE_SIZE], drawn
+        if none is given.
         """
         rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
         noise = (
@@ -84,8 +84,8 @@ class PublishedGenerator(Generator):
         size_px: tuple[int, int],
         noise: Tensor,
     ) -> Images:
-        """Clouds from the poses [B, 4, 4] of cameras [B, 4], in images of (height, width); holes
-        are features of 0.
+        """Render clouds from the poses [B, 4, 4] of cameras [B, 4], in images of (height, width);
+        holes are features of 0.
         """
         blended, opacities = self.splat(
             cloud, cam_from_last, intrinsics, size_px, splatter(size_px[0])
@@ -111,7 +111,7 @@ class Norm(nn.Module):
         )
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] normalised, with noise [B, NOISE]."""
+        """Normalise maps [B, C, H, W], modulated by noise [B, NOISE]."""
         normal: Tensor = self.norm(maps)
         return (
             normal * (1 + self.gain(noise))[:, :, None, None] + self.offset(noise)[:, :, None, None]
@@ -137,7 +137,7 @@ class Block(nn.Module):
         )
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] to [B, C', H', W'], with noise [B, 2 * NOISE]."""
+        """Map features [B, C, H, W] to [B, C', H', W'], with noise [B, 2 * NOISE]."""
         first, second = noise.split(NOISE, dim=1)
         inner = self.conv1(functional.relu(self.norm1(maps, first)))
         inner = self.conv2(functional.relu(self.norm2(inner, second)))
@@ -155,8 +155,8 @@ class Blocks(nn.Module):
         self.blocks = nn.ModuleList(Block(a, b, resample) for (a, b), resample in pairs)
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] to [B, C', H, W], with noise [B, NOISE_SIZE]; H and W multiples of 4
-        where they change.
+        """Map features [B, C, H, W] to [B, C', H, W], with noise [B, NOISE_SIZE]; H and W are
+        multiples of 4 where they change.
         """
         for block, own in zip(self.blocks, noise.split(2 * NOISE, dim=1), strict=True):
             maps = block(maps, own)
@@ -169,7 +169,7 @@ class DepthNetwork(nn.Module):
     """
 
     def __init__(self, width: int = WIDTH) -> None:
-        """With new weights; untrained, it predicts about INITIAL_M everywhere."""
+        """Build the network with new weights; untrained, it predicts about INITIAL_M everywhere."""
         super().__init__()
         down = _channels(3, DEPTH, width)
         self.down = nn.ModuleList(_convolution(a, b, stride=2) for a, b in itertools.pairwise(down))
@@ -189,7 +189,7 @@ class DepthNetwork(nn.Module):
         nn.init.constant_(last, float(torch.logit(torch.tensor(share))))
 
     def forward(self, frames: Tensor) -> Tensor:
-        """Inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
+        """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
         precision.
         """
         size_px, multiple = (frames.shape[2], frames.shape[3]), 2 ** len(self.down)

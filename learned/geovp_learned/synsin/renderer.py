@@ -58,8 +58,8 @@ class SynSin(checkpoints.Pretrained):
         )
 
     def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
-        """The cloud of the last frame; Incompatible when the poses are not metric, as those in
-        training were.
+        """Build the cloud of the last frame; raise Incompatible if the poses are not metric, as
+        those in training were.
         """
         if not past.is_metric:
             raise Incompatible(
@@ -88,8 +88,8 @@ class FeatureScene:
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
     ) -> Views:
-        """The cloud from the poses [F, 4, 4]; covered where points project, invented by the network
-        elsewhere.
+        """Render the cloud from the poses [F, 4, 4]; pixels are covered where points project, and
+        inpainted by the network elsewhere.
         """
         cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
         # In batches, or by several threads, the last bits would differ
@@ -102,7 +102,9 @@ class FeatureScene:
     def _view(
         self, cam_from_last: Tensor, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Frame [1, H, W, 3], coverage [1, H, W] and depth [1, H, W] of the pose [1, 4, 4]."""
+        """Render frame [1, H, W, 3], coverage [1, H, W] and depth [1, H, W] from the pose [1, 4,
+        4].
+        """
         device = self.cloud.rays.device
         noise = drawn(self.generator.noise_size, self.seed).to(device)
         camera, size_px = (
@@ -116,5 +118,5 @@ class FeatureScene:
 
 
 def drawn(noise_size: int, seed: int) -> Tensor:
-    """Noise [1, noise_size]."""
+    """Draw noise [1, noise_size]."""
     return torch.randn(1, noise_size, generator=torch.Generator().manual_seed(seed))

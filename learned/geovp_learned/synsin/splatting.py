@@ -49,8 +49,8 @@ class Splatter:
         features: Tensor,  # [B, N, C]
         size_px: tuple[int, int],  # height, width
     ) -> tuple[Tensor, Tensor]:
-        """Blended features [B, C, H, W], 0 where no point is, and the sum of their weights [B, 1,
-        H, W].
+        """Return blended features [B, C, H, W], 0 where there is no point, and the sum of their
+        weights [B, 1, H, W].
         """
         batch, (height, width) = len(features), size_px
         slots = self._slots(positions_px, inverse_depths, visible, size_px)  # [B * H * W, K]
@@ -71,8 +71,8 @@ class Splatter:
         visible: Tensor,
         size_px: tuple[int, int],
     ) -> Tensor:
-        """The nearest points of each pixel [B * H * W, K], in the order of depth; EMPTY where there
-        are fewer.
+        """Return the nearest points of each pixel [B * H * W, K], in the order of depth; EMPTY
+        where there are fewer.
         """
         height, width = size_px
         pixels, points = self._pairs(positions_px, inverse_depths, visible, size_px)
@@ -95,8 +95,8 @@ class Splatter:
         visible: Tensor,
         size_px: tuple[int, int],
     ) -> tuple[Tensor, Tensor]:
-        """Every pair of a pixel [M] and a point [M] that covers it, nearest points first; indices
-        over the batch.
+        """Return all pairs of a pixel [M] and a point [M] that covers it, nearest points first;
+        indices over the batch.
         """
         (batch, num_points), (height, width) = visible.shape, size_px
         numbers = inverse_depths.argsort(dim=1, descending=True, stable=True)
@@ -118,7 +118,7 @@ class Splatter:
         return (points // num_points * height + chosen[:, 1]) * width + chosen[:, 0], points
 
     def _opacities(self, positions_px: Tensor, slots: Tensor, size_px: tuple[int, int]) -> Tensor:
-        """Opacities of the points in the slots [B * H * W, K]; 0 in empty ones."""
+        """Return the opacities of the points in the slots [B * H * W, K]; 0 in empty ones."""
         height, width = size_px
         pixels = torch.arange(len(slots), device=slots.device)
         centres = torch.stack([pixels % width, pixels // width % height], dim=1)  # [B * H * W, 2]
@@ -128,7 +128,7 @@ class Splatter:
         return torch.where(slots == EMPTY, 0.0, opacities**self.sharpness)
 
     def _weights(self, opacities: Tensor, slots: Tensor) -> Tensor:
-        """Blending weights of the slots [B * H * W, K]."""
+        """Return the blending weights of the slots [B * H * W, K]."""
         if self.blending == "sum":
             return opacities
         if self.blending == "mean":
@@ -139,8 +139,8 @@ class Splatter:
 
 
 def rays(intrinsics: Tensor, size_px: tuple[int, int]) -> Tensor:
-    """The directions [B, H * W, 3], z = 1, of all pixels of cameras fx, fy, cx, cy [B, 4], row by
-    row.
+    """Return the directions [B, H * W, 3], z = 1, of all pixels of cameras fx, fy, cx, cy [B, 4],
+    row by row.
     """
     height, width = size_px
     v, u = torch.meshgrid(
@@ -159,8 +159,8 @@ def project(
     cam_from_last: Tensor,  # [B, 4, 4]
     intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy of the new camera
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Positions in pixels [B, N, 2], inverse depths there [B, N], and whether they are in front of
-    the camera [B, N].
+    """Return positions in pixels [B, N, 2], inverse depths there [B, N], and whether they are in
+    front of the camera [B, N].
 
     Points at the image plane or nearer than NEAR_M do not count as in front.
     """
@@ -178,7 +178,7 @@ def project(
 
 
 def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
-    """Hole filling: where the opacity [B, 1, H, W] is thin, blended values [B, C, H, W] of coarser
+    """Fill holes: where the opacity [B, 1, H, W] is low, blended values [B, C, H, W] of coarser
     images show through.
 
     Pull-push over an image pyramid (Gortler et al. 1996, section 3.4), so that the refinement

@@ -67,7 +67,7 @@ class SynSinTraining:
         )
 
     def build(self) -> dict[str, nn.Module]:
-        """A new generator, and a discriminator when the adversarial loss has a weight."""
+        """Build a new generator, and a discriminator if the adversarial loss has a weight."""
         is_published = self.architecture.variant == "published"
         generator = (PublishedGenerator if is_published else Generator)(self.architecture)
         networks: dict[str, nn.Module] = {"generator": generator}
@@ -78,7 +78,7 @@ class SynSinTraining:
         return networks
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Adam; betas (0, 0.9) as in the paper with a discriminator, (0.9, 0.99) without one."""
+        """Build Adam; betas (0, 0.9) as in the paper with a discriminator, else (0.9, 0.99)."""
         betas = (0.0, 0.9) if self.weights.adversarial else (0.9, 0.99)
         rates = {"generator": self.rate, "discriminator": self.discriminator_rate}
         return {
@@ -87,19 +87,21 @@ class SynSinTraining:
         }
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Example]:
-        """Every frame with enough frames after it; in validation, one in `validation_stride`."""
+        """Return all frames with enough frames after them; in validation, every
+        `validation_stride`-th of them.
+        """
         return pairs.examples(clips, self.max_horizon)[:: 1 if training else self.validation_stride]
 
     def batch(
         self, examples: Sequence[Example], indices: Sequence[int], rng: np.random.Generator
     ) -> Batch:
-        """The chosen examples with horizons drawn from `rng`, some mirrored, some grey."""
+        """Return the selected examples with horizons drawn from `rng`, some mirrored, some grey."""
         return pairs.batch([self._drawn(examples[index], rng) for index in indices])
 
     def training_step(
         self, networks: Networks, batch: Batch, step: int
     ) -> Iterator[tuple[str, Losses]]:
-        """The generator's losses, then the discriminator's on the generated images."""
+        """Yield the generator's losses, then the discriminator's on the generated images."""
         if step < self.depth_first_steps:
             _, inverse_depths = networks["generator"](batch["frames"], batch["intrinsics"])
             yield "generator", self._summed(self._depth_losses(inverse_depths, batch))
@@ -117,7 +119,7 @@ class SynSinTraining:
             yield "discriminator", {"total": loss}
 
     def validate(self, networks: Networks, examples: Sequence[Example]) -> dict[str, float]:
-        """PSNR and losses at some horizons; the score is colour and content, weighted as in
+        """Return PSNR and losses at some horizons; the score is colour and content, weighted as in
         training.
         """
         horizons = sorted(
@@ -167,7 +169,7 @@ class SynSinTraining:
         return parts
 
     def _summed(self, parts: Losses) -> Losses:
-        """The parts with their weighted sum as "total"."""
+        """Add the weighted sum of the terms as "total"."""
         weights = asdict(self.weights)
         weights["feature_matching"] *= self.weights.adversarial
         return {

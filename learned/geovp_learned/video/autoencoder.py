@@ -47,7 +47,7 @@ class AutoencoderConfig:
 
     @property
     def channels(self) -> list[int]:
-        """Channels of every stage, full resolution first."""
+        """Return the channels of all stages, full resolution first."""
         num_stages = (self.size_px // INNERMOST_PX).bit_length() - 1
         return [self.width * min(2**stage, MAX_CHANNEL_FACTOR) for stage in range(num_stages)]
 
@@ -71,7 +71,7 @@ class Encoder(nn.Module):
         )
 
     def forward(self, images: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Codes [N, code_size] and skips of images [N, C, H, W] in [0, 1]."""
+        """Return codes [N, code_size] and skips of images [N, C, H, W] in [0, 1]."""
         skips = []
         maps = images.contiguous(memory_format=torch.channels_last)  # twice as fast on a CPU
         for stage in self.stages:
@@ -88,7 +88,9 @@ class Decoder(nn.Module):
     def __init__(
         self, coding: AutoencoderConfig, out_channels: int = 3, code_size: int | None = None
     ) -> None:
-        """The last layer starts at zero when residual; `code_size` replaces the one of `coding`."""
+        """Build the network; the last layer starts at zero if residual, and `code_size` replaces
+        that of `coding`.
+        """
         super().__init__()
         self.coding = coding
         sizes = [coding.width, *coding.channels]
@@ -107,7 +109,7 @@ class Decoder(nn.Module):
                 nn.init.zeros_(parameter)
 
     def forward(self, codes: Tensor, skips: Skips) -> Tensor:
-        """Maps [N, out_channels, H, W], unbounded, from codes [N, code_size]."""
+        """Decode codes [N, code_size] to maps [N, out_channels, H, W], unbounded."""
         maps = self.head(codes[:, :, None, None]).contiguous(memory_format=torch.channels_last)
         for stage, skip in zip(self.stages, reversed(skips), strict=True):
             if self.coding.style == "vgg":
@@ -117,13 +119,13 @@ class Decoder(nn.Module):
 
 
 def select_skips(skips: Skips, batch: int, steps: Tensor) -> list[Tensor]:
-    """The skips of some time steps: of maps [B * T, ...] those [B * len(steps), ...]."""
+    """Select the skips of some time steps: of maps [B * T, ...] those [B * len(steps), ...]."""
     return [maps.unflatten(0, (batch, -1))[:, steps].flatten(0, 1) for maps in skips]
 
 
 def last_skips(skips: Skips, batch: int, rows: int) -> list[Tensor]:
-    """The skips [rows, ...] of the last step, of maps [B * T, ...]; those of one clip serve all
-    rows, uncopied.
+    """Select the skips [rows, ...] of the last step, of maps [B * T, ...]; those of one clip serve
+    all rows, uncopied.
     """
     return [maps.unflatten(0, (batch, -1))[:, -1].expand(rows, *maps.shape[1:]) for maps in skips]
 

@@ -18,20 +18,20 @@ class Gaussian(
 
     @classmethod
     def from_output(cls, output: Tensor) -> Self:
-        """A network's output [..., 2 * D]: D means, then D log variances."""
+        """Split a network's output [..., 2 * D]: D means, then D log variances."""
         mean, log_variance = output.chunk(2, dim=-1)
         return cls(mean, log_variance.clamp(-10, 10))
 
     def sample(self, noise: Tensor | None = None) -> Tensor:
-        """A sample by standard normal noise, by default torch's own (reparameterisation, Kingma and
-        Welling 2014).
+        """Draw a sample by standard normal noise, by default torch's (reparameterisation, Kingma
+        and Welling 2014).
         """
         noise = torch.randn_like(self.mean) if noise is None else noise
         return self.mean + torch.exp(0.5 * self.log_variance) * noise
 
 
 def kl_divergence(a: Gaussian, b: Gaussian) -> Tensor:
-    """KL(a || b) in nats, summed over the last axis."""
+    """Return KL(a || b) in nats, summed over the last axis."""
     variances = torch.exp(a.log_variance - b.log_variance)
     distances = (a.mean - b.mean) ** 2 * torch.exp(-b.log_variance)
     return 0.5 * (b.log_variance - a.log_variance + variances + distances - 1).sum(-1)
@@ -47,17 +47,19 @@ class Lstm(nn.Module):
         self.outward = nn.Linear(hidden_size, out_size)
 
     def forward(self, inputs: Tensor, state: LstmState | None = None) -> tuple[Tensor, LstmState]:
-        """Outputs [B, T, out_size] of inputs [B, T, in_size], and the state after the last step."""
+        """Return outputs [B, T, out_size] of inputs [B, T, in_size], and the state after the last
+        step.
+        """
         hidden, state = self.lstm(self.inward(inputs), state)
         return self.outward(hidden), state
 
     def step(self, inputs: Tensor, state: LstmState) -> tuple[Tensor, LstmState]:
-        """One time step: [B, in_size] to [B, out_size]."""
+        """Run one time step: [B, in_size] to [B, out_size]."""
         outputs, state = self(inputs[:, None], state)
         return outputs[:, 0], state
 
 
 def expand_state(state: LstmState, rows: int) -> LstmState:
-    """The state of one clip as that of a batch of `rows` equal ones."""
+    """Expand the state of one clip to that of a batch of `rows` equal ones."""
     hidden, cell = (part.expand(-1, rows, -1).contiguous() for part in state)
     return hidden, cell

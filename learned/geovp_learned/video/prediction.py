@@ -39,7 +39,7 @@ class VideoPredictor(checkpoints.Pretrained):
 
     @property
     def input_note(self) -> str:
-        """The network's square, and the frames it looks at."""
+        """Describe the network's square, and the frames it looks at."""
         loaded, settings = self.load()
         size_px = unwrapped(loaded).size_px
         return (
@@ -48,7 +48,7 @@ class VideoPredictor(checkpoints.Pretrained):
         )
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
+        """Predict frames [S, F, H, W, 3]; raise Incompatible for fewer than two observed frames."""
         if context.num_past < 2:
             raise Incompatible(
                 f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more"
@@ -91,7 +91,9 @@ class Slamp(VideoPredictor):
 
 
 def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
-    """Standard normal numbers [len(samples), F, size], seeded by seed, frames and sample number."""
+    """Draw standard normal numbers [len(samples), F, size], seeded by seed, frames and sample
+    number.
+    """
     clip = int.from_bytes(hashlib.sha256(context.frames.tobytes()).digest()[:8], "big")
     shape = (context.num_future, size)
     rows = [

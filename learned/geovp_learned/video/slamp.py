@@ -55,7 +55,7 @@ class SlampNetwork(VideoNetwork):
     """The appearance branch sees frames, the motion branch pairs of consecutive frames."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights; a residual network starts with no flow."""
+        """Build the model with new weights; a residual network starts with no flow."""
         super().__init__(architecture.coding, 2 * architecture.latent_size)
         self.flow_unit_px, width = architecture.flow_unit_px, architecture.mask_width
         self.appearance = RecurrentAutoencoder(architecture, in_channels=3, out_channels=3)
@@ -69,8 +69,8 @@ class SlampNetwork(VideoNetwork):
         )
 
     def forward(self, images: Tensor, num_past: int) -> Output:
-        """Predictions from the real frames [B, T, 3, H, W] before each; skips are of observed
-        frames only.
+        """Predict from the real frames [B, T, 3, H, W] before each; skips are of observed frames
+        only.
         """
         skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
         maps, appearance_posterior, appearance_prior = self.appearance.teacher_forced(
@@ -88,7 +88,7 @@ class SlampNetwork(VideoNetwork):
         )
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W], each frame predicted from those predicted before it."""
+        """Predict futures [N, F, 3, H, W], each frame from those predicted before it."""
         rows = len(noise)
         appearance = Rollout(self.appearance, observed, rows)
         motion = Rollout(self.motion, _frame_pairs(observed), rows)
@@ -104,8 +104,8 @@ class SlampNetwork(VideoNetwork):
         return torch.stack(frames[2:], dim=1)
 
     def _blend(self, maps: Tensor, flow: Tensor, base: Tensor, previous: Tensor) -> Blend:
-        """Predictions [N, ...] of decoded maps and flow; the flow warps the `previous` frames [N,
-        3, H, W].
+        """Blend predictions [N, ...] of decoded maps and flow; the flow warps the `previous` frames
+        [N, 3, H, W].
         """
         appearance = self.images(maps, base)
         flow_px = flow * self.flow_unit_px
@@ -126,7 +126,7 @@ class SlampTraining(VideoTraining):
     network = SlampNetwork
 
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Means over clips and predicted frames."""
+        """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
         real, prediction = images[:, 1:], output.prediction
         nats = [
@@ -147,7 +147,7 @@ class SlampTraining(VideoTraining):
 
 
 def warp(images: Tensor, flow_px: Tensor) -> Tensor:
-    """Backward warping: each pixel of [N, C, H, W] shows what lies `flow_px` [N, 2, H, W] (right,
+    """Warp backwards: each pixel of [N, C, H, W] shows what lies `flow_px` [N, 2, H, W] (right,
     down) from it.
     """
     height, width = images.shape[-2:]
@@ -160,5 +160,7 @@ def warp(images: Tensor, flow_px: Tensor) -> Tensor:
 
 
 def _frame_pairs(images: Tensor) -> Tensor:
-    """Each frame behind its predecessor [B, T, 6, H, W]; the first frame is its own predecessor."""
+    """Stack each frame behind its predecessor [B, T, 6, H, W]; the first frame is its own
+    predecessor.
+    """
     return torch.cat([torch.cat([images[:, :1], images[:, :-1]], dim=1), images], dim=2)

@@ -81,8 +81,8 @@ class SrvpNetwork(VideoNetwork):
         self.residual = _perceptron([state + latent, *[hidden] * (layers - 1), state])
 
     def forward(self, images: Tensor, num_past: int) -> Output:
-        """Reconstructions of all frames [B, T, 3, H, W], with inferred latents and the content of
-        the observed ones.
+        """Reconstruct all frames [B, T, 3, H, W], with inferred latents and the content of the
+        observed ones.
         """
         batch, steps = images.shape[:2]
         codes, skips, first, posterior = self._infer(images, num_past)
@@ -107,7 +107,7 @@ class SrvpNetwork(VideoNetwork):
         )
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W], their latents drawn from the prior."""
+        """Predict futures [N, F, 3, H, W], their latents drawn from the prior."""
         codes, skips, first, posterior = self._infer(observed, observed.shape[1])
         state = first.mean
         for latent in posterior.mean.unbind(1):
@@ -126,8 +126,8 @@ class SrvpNetwork(VideoNetwork):
         return torch.stack(predicted, dim=1)
 
     def next_state(self, state: Tensor, latent: Tensor) -> tuple[Tensor, Tensor]:
-        """The state [B, Y] one frame later by Euler steps, and the residuals [B, steps_per_frame,
-        Y].
+        """Return the state [B, Y] one frame later by Euler steps, and the residuals [B,
+        steps_per_frame, Y].
         """
         residuals = []
         for _ in range(self.steps_per_frame):
@@ -140,8 +140,8 @@ class SrvpNetwork(VideoNetwork):
     def _infer(
         self, images: Tensor, num_past: int
     ) -> tuple[Tensor, list[Tensor], Gaussian, Gaussian]:
-        """Codes [B, T, code_size], skips [B * T, ...], the first state and the latents [B, T - 1,
-        latent_size].
+        """Infer codes [B, T, code_size], skips [B * T, ...], the first state and the latents [B, T
+        - 1, latent_size].
 
         The first state is inferred from the first observed frames; the last is repeated where there
         are too few.
@@ -153,11 +153,11 @@ class SrvpNetwork(VideoNetwork):
         return codes, skips, first, Gaussian.from_output(self.posterior(codes)[0][:, 1:])
 
     def _content(self, codes: Tensor) -> Tensor:
-        """The content [B, W] of observed frames [B, P, code_size] in any order and number."""
+        """Return the content [B, W] of observed frames [B, P, code_size], in any order."""
         return torch.tanh(self.content(self.summand(codes).mean(dim=1)))
 
     def _decode(self, states: Tensor, content: Tensor, skips: list[Tensor], base: Tensor) -> Tensor:
-        """Images [B * T, 3, H, W] of states [B, T, Y]."""
+        """Decode states [B, T, Y] to images [B * T, 3, H, W]."""
         codes = torch.cat(
             [states, content[:, None].expand(-1, states.shape[1], -1)], dim=-1
         ).flatten(0, 1)
@@ -182,7 +182,7 @@ class SrvpTraining(VideoTraining):
     network = SrvpNetwork
 
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Nats of a clip, divided by the number of its values."""
+        """Return the nats of a clip, divided by the number of its values."""
         output: Output = network(images, self.num_past)
         error = (
             0.5
@@ -206,7 +206,7 @@ class SrvpTraining(VideoTraining):
 
 
 def _perceptron(sizes: list[int]) -> nn.Sequential:
-    """Linear layers with ReLU between them."""
+    """Build linear layers with ReLU between them."""
     layers: list[nn.Module] = []
     for n in range(len(sizes) - 1):
         layers += [nn.Linear(sizes[n], sizes[n + 1]), nn.ReLU()]

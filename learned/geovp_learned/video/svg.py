@@ -62,15 +62,15 @@ class RecurrentAutoencoder(VideoNetwork):
         )
 
     def encode(self, inputs: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Codes [B, T, code_size] and skips [B * T, ...] of inputs [B, T, C, H, W]."""
+        """Encode inputs [B, T, C, H, W] as codes [B, T, code_size] and skips [B * T, ...]."""
         flat, skips = self.encoder(inputs.flatten(0, 1))
         return flat.unflatten(0, inputs.shape[:2]), skips
 
     def teacher_forced(
         self, inputs: Tensor, skip_steps: Tensor
     ) -> tuple[Tensor, Gaussian, Gaussian]:
-        """Decoded maps [B * (T - 1), C, H, W], posterior and prior, each step predicted from the
-        real input before it.
+        """Return decoded maps [B * (T - 1), C, H, W], posterior and prior, each step predicted from
+        the real input before it.
 
         The decoder takes the skips of the inputs at `skip_steps` [T - 1].
         """
@@ -100,7 +100,7 @@ class Rollout:
         self.code = codes[:, -1].expand(rows, -1)
 
     def step(self, noise: Tensor) -> Tensor:
-        """Decoded maps [N, C, H, W] of the next step, its latent drawn from the prior."""
+        """Decode maps [N, C, H, W] of the next step, its latent drawn from the prior."""
         output, self.prior_state = self.network.prior.step(self.code, self.prior_state)
         latent = Gaussian.from_output(output).sample(noise)
         code, self.state = self.network.predictor.step(
@@ -109,7 +109,7 @@ class Rollout:
         return self.network.decoder(torch.tanh(code), self.skips)
 
     def feed_back(self, inputs: Tensor) -> None:
-        """The next step starts from predicted inputs [N, C, H, W]."""
+        """Start the next step from predicted inputs [N, C, H, W]."""
         self.code, _ = self.network.encoder(inputs)
 
 
@@ -117,8 +117,8 @@ class SvgNetwork(RecurrentAutoencoder):
     """The recurrent autoencoder on frames."""
 
     def forward(self, images: Tensor, num_past: int) -> Output:
-        """Predictions from the real frames [B, T, 3, H, W] before each; skips are of observed
-        frames only.
+        """Predict from the real frames [B, T, 3, H, W] before each; skips are of observed frames
+        only.
         """
         skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
         maps, posterior, prior = self.teacher_forced(images, skip_steps)
@@ -126,7 +126,7 @@ class SvgNetwork(RecurrentAutoencoder):
         return Output(predicted.unflatten(0, (len(images), -1)), posterior, prior)
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W], each frame predicted from the one predicted before it."""
+        """Predict futures [N, F, 3, H, W], each frame from the one predicted before it."""
         rollout, base = (
             Rollout(self, observed, len(noise)),
             observed[:, -1].expand(len(noise), -1, -1, -1),
@@ -149,7 +149,7 @@ class SvgTraining(VideoTraining):
     network = SvgNetwork
 
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Means over clips and predicted frames."""
+        """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
         error = functional.mse_loss(output.images, images[:, 1:])
         nats = kl_divergence(output.posterior, output.prior).mean()

@@ -33,7 +33,7 @@ class VideoNetwork(nn.Module):
     predict: Callable[[Tensor, Tensor], Tensor]
 
     def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
-        """`noise_size` normal numbers decide on one predicted frame."""
+        """Build the network; `noise_size` normal numbers decide on one predicted frame."""
         super().__init__()
         self.size_px, self.noise_size, self.is_residual = (
             coding.size_px,
@@ -42,8 +42,8 @@ class VideoNetwork(nn.Module):
         )
 
     def images(self, maps: Tensor, base: Tensor) -> Tensor:
-        """Sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of the base's
-        logits.
+        """Return the sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of
+        the base's logits.
         """
         return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.is_residual else maps)
 
@@ -72,18 +72,18 @@ class VideoTraining(ABC):
 
     @abstractmethod
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Loss terms of images [B, T, 3, H, W] in [0, 1]; "total" is minimised."""
+        """Return loss terms of images [B, T, 3, H, W] in [0, 1]; "total" is minimised."""
 
     def build(self) -> dict[str, nn.Module]:
-        """A new network under the name "video"."""
+        """Build a new network under the name "video"."""
         return {"video": self.network(self.architecture)}
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Adam, as in all three papers."""
+        """Build Adam, as in all three papers."""
         return {"video": Adam(networks["video"].parameters(), self.rate)}
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[ByteArray]:
-        """Windows of num_past + num_future frames."""
+        """Cut windows of num_past + num_future frames."""
         stride = self.window_stride if training else self.validation_stride
         return windows(
             clips, self.architecture.coding.size_px, self.num_past + self.num_future, stride
@@ -92,7 +92,9 @@ class VideoTraining(ABC):
     def batch(
         self, examples: Sequence[ByteArray], indices: Sequence[int], rng: np.random.Generator
     ) -> Batch:
-        """The windows as "images" [B, T, 3, H, W] of bytes, half of them mirrored, some grey."""
+        """Return the windows as "images" [B, T, 3, H, W] of bytes, half of them mirrored, some
+        grey.
+        """
         return {
             "images": stack(
                 [_augmented(examples[index], rng, self.grey_share) for index in indices]
@@ -102,12 +104,12 @@ class VideoTraining(ABC):
     def training_step(
         self, networks: Networks, batch: Batch, step: int
     ) -> Iterator[tuple[str, Losses]]:
-        """The losses of the only network."""
+        """Yield the losses of the only network."""
         yield "video", self.losses(networks["video"], batch["images"].float() / 255.0)
 
     def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
-        """Mean PSNR (dB) of one sample and of the last frame repeated, at the network's size; the
-        score is -psnr.
+        """Return the mean PSNR (dB) of one sample and of the last frame repeated, at the network's
+        size; the score is -psnr.
 
         The names with "near" are over the first NEAR_STEPS steps; "spread" is the mean difference
         of two samples in grey levels.
@@ -146,15 +148,15 @@ class VideoTraining(ABC):
 
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
-    """The network without Fabric's wrapper."""
+    """Return the network without Fabric's wrapper."""
     own = network if isinstance(network, VideoNetwork) else network.module
     assert isinstance(own, VideoNetwork)
     return own
 
 
 def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:
-    """Every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip share
-    their memory.
+    """Return every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip
+    share their memory.
     """
     found = []
     for clip in clips:
@@ -167,7 +169,7 @@ def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -
 
 
 def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
-    """Frames [T, H, W, 3] at another size."""
+    """Resize frames [T, H, W, 3]."""
     return np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in frames])
 
 
