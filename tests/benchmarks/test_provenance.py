@@ -119,4 +119,4 @@ class Made:
 def test_weights_of_nested_parts_are_found_once_each() -> None:
     made = Made((Trained("a"), Trained("b")), Trained("a"))
     assert weights_of([made, Trained("c"), object()]) == ["a", "b", "c"]
-    assert [type(part) for part in nested(made)] == [Made, Trained, Trained, Trained]
+    assert [type(part) for part in nested([made])] == [Made, Trained, Trained, Trained]

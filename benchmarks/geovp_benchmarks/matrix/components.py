@@ -52,12 +52,10 @@ def build(role: str, name: str, spec: Spec) -> Any:
                 f"{name!r} does not say what it needs: give it `needs`, PrivilegedInput.NONE for "
                 "the frames alone"
             )
-    except (Incompatible, MissingExtra) as error:
-        return Failure.of(error)
-    except GeovpError:
-        raise
-    except Exception as error:  # of a plug-in: its methods fail, the others go on
-        return Failure.of(error)
+    except Exception as error:
+        if isinstance(error, GeovpError) and not isinstance(error, (Incompatible, MissingExtra)):
+            raise
+        return Failure.of(error)  # an error of a plug-in: its methods fail, the others go on
     return component
 
 
@@ -84,51 +82,37 @@ def code_hash(components: Iterable[object]) -> str:
 
     Libraries do not count; protocol.json has their versions.
     """
-    modules = {
-        "geovp_classic",
-        "geovp_benchmarks.running.task",
-        "geovp_benchmarks.running.scoring",
-    }
-    for component in components:
-        for part in nested(component):
-            package = type(part).__module__.partition(".")[0]
-            if package in sys.modules and package not in ("builtins", "geovp_benchmarks"):
-                modules.add(package)
-    total = hashlib.sha256()
-    for name in sorted(modules):
-        total.update(name.encode() + _source_hash(name))
-    return total.hexdigest()[:12]
+    harness = "geovp_benchmarks"
+    modules = {"geovp_classic", f"{harness}.running.task", f"{harness}.running.scoring"}
+    for component in nested(components):
+        package = type(component).__module__.partition(".")[0]
+        if package in sys.modules and package not in ("builtins", harness):
+            modules.add(package)
+    hashes = (name.encode() + _source_hash(name) for name in sorted(modules))
+    return hashlib.sha256(b"".join(hashes)).hexdigest()[:12]
 
 
 def weights_of(components: Iterable[object]) -> list[str]:
     """Return the notes on weights that components and nested ones have as `weights_note`."""
-    parts = (part for component in components for part in nested(component))
-    notes = dict.fromkeys(getattr(part, "weights_note", "") for part in parts)
-    return [str(note) for note in notes if note]
+    notes = (getattr(component, "weights_note", "") for component in nested(components))
+    return [str(note) for note in dict.fromkeys(notes) if note]
 
 
-def nested(component: object) -> Iterator[object]:
-    """Yield the component and the components nested in it."""
-    yield component
-    if not dataclasses.is_dataclass(component):
-        return
-    for field in dataclasses.fields(component):
-        value = getattr(component, field.name)
-        for part in value if isinstance(value, tuple) else (value,):
-            if dataclasses.is_dataclass(part):
-                yield from nested(part)
+def nested(components: Iterable[object]) -> Iterator[object]:
+    """Yield the components and the components nested in them."""
+    for component in components:
+        yield component
+        if dataclasses.is_dataclass(component):
+            values = [getattr(component, field.name) for field in dataclasses.fields(component)]
+            for value in values:
+                inner = value if isinstance(value, tuple) else (value,)
+                yield from nested(each for each in inner if dataclasses.is_dataclass(each))
 
 
 @functools.cache
 def _source_hash(module: str) -> bytes:
     """Return the hash of the source files of a module or package."""
-    loaded = importlib.import_module(module)
-    folders = [Path(folder) for folder in getattr(loaded, "__path__", ())]
-    paths = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
-    file = getattr(loaded, "__file__", None)  # None in an interactive session
-    if not folders and file:
-        paths = [Path(file)]
-    total = hashlib.sha256()
-    for path in paths:
-        total.update(path.name.encode() + path.read_bytes())
-    return total.digest()
+    file = Path(getattr(importlib.import_module(module), "__file__", None) or "")
+    files = file.parent.rglob("*.py") if file.name == "__init__.py" else [file]
+    content = (path.name.encode() + path.read_bytes() for path in sorted(files) if path.is_file())
+    return hashlib.sha256(b"".join(content)).digest()

@@ -58,16 +58,17 @@ def expanded(content: Mapping[str, Any]) -> Mapping[str, Any]:
     table = content.get("protocol")
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str):
         return content
-    given = dict(table)
-    protocol = load(given.pop("name"))
-    root = {"root": given.pop("root")} if "root" in given else {}
+    protocol = load(table["name"])
     keys = {"dataset", "num_past", "num_future", "size_px", "stride"}
-    choices = protocol.model_dump(include=keys, exclude_none=True) | given
+    choices = protocol.model_dump(include=keys, exclude_none=True) | dict(table)
     if "dataset" not in choices:
         raise BadData(
             f"{protocol.name} is measured on {protocol.data}, which nothing here reads: give "
             "dataset = { ... }"
         )
-    choices["dataset"] = validated(Spec, choices["dataset"], "protocol.dataset") | root
+    choices["dataset"] = validated(Spec, choices["dataset"], "protocol.dataset")
+    if "root" in choices:
+        choices["dataset"] = {**choices["dataset"], "root": choices.pop("root")}
+    del choices["name"]
     metrics = validated(dict[str, Any], content.get("metrics", {}), "metrics")
     return {**content, "protocol": choices, "metrics": {"frame": protocol.metrics, **metrics}}

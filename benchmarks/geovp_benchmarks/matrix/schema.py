@@ -38,18 +38,23 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Entry(Table):
-    """A component that predicts, and the number of samples that it is asked for."""
+class Component(Table):
+    """A component by its name, with its fields."""
 
-    model_config = ConfigDict(extra="allow")  # the fields of the component
+    model_config = ConfigDict(extra="allow")  # the fields
 
     name: str
-    num_samples: Count | None = None  # None: as many as the protocol says
 
     @property
     def spec(self) -> Spec:
         """Return the component as `registry.build` takes it."""
         return {"name": self.name, **(self.model_extra or {})}
+
+
+class Entry(Component):
+    """A component that predicts, and the number of samples that it is asked for."""
+
+    num_samples: Count | None = None  # None: as many as the protocol says
 
 
 def _check_dataset(spec: Spec) -> Spec:
@@ -81,15 +86,12 @@ class MetricsTable(Table):
     stabilised: Annotated[list[str], Expected('a list of frame metrics such as ["psnr"]')] = []
 
 
-Entries = dict[FolderName, Annotated[Entry, IsNamed]]
-
-
 class ComponentTables(Table):
     """The tables of the components that predict."""
 
-    pose_sources: Entries = {}
-    renderers: dict[FolderName, Spec] = {}
-    predictors: Entries = {}
+    pose_sources: dict[FolderName, Annotated[Entry, IsNamed]] = {}
+    renderers: dict[FolderName, Annotated[Component, IsNamed]] = {}
+    predictors: dict[FolderName, Annotated[Entry, IsNamed]] = {}
 
 
 class MatrixFile(ComponentTables):
@@ -145,23 +147,25 @@ class Matrix(ProtocolTable, ComponentTables):
     @property
     def methods(self) -> tuple[MethodPlan, ...]:
         """Return all pose sources with all renderers, then the predictors, in the file's order."""
-        methods = []
-        for source, entry in self.pose_sources.items():
-            samples = entry.num_samples or self.num_samples
-            methods += [MethodPlan(samples, source, renderer) for renderer in self.renderers]
-        for name, entry in self.predictors.items():
-            samples = entry.num_samples or self.num_samples
-            methods.append(MethodPlan(samples, predictor=name))
-        return tuple(methods)
+        geometric = [
+            MethodPlan(entry.num_samples or self.num_samples, source, renderer)
+            for source, entry in self.pose_sources.items()
+            for renderer in self.renderers
+        ]
+        predictors = (
+            MethodPlan(entry.num_samples or self.num_samples, predictor=name)
+            for name, entry in self.predictors.items()
+        )
+        return (*geometric, *predictors)
 
     @property
     def specs(self) -> dict[tuple[str, str], Spec]:
         """Return the components by role and name."""
-        specs = {("renderers", name): spec for name, spec in self.renderers.items()}
-        for role in ("pose_sources", "predictors"):
-            for name, entry in getattr(self, role).items():
-                specs[role, name] = entry.spec
-        return specs
+        return {
+            (role, name): component.spec
+            for role in ("renderers", "pose_sources", "predictors")
+            for name, component in getattr(self, role).items()
+        }
 
     def to_json(self) -> str:
         """Return the matrix as text, for another process."""
@@ -216,25 +220,19 @@ def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """Return the matrix of a TOML file's content."""
     check_storable(content)
-    tables = validated(MatrixFile, protocols.expanded(content)).model_dump()
-    protocol, metrics = tables.pop("protocol"), tables.pop("metrics")
-    frame = metrics["frame"]
-    for metric in metrics["stabilised"]:
-        if metric not in metrics["frame"]:
+    file = validated(MatrixFile, protocols.expanded(content))
+    frame = dict(file.metrics.frame)
+    for metric in file.metrics.stabilised:
+        if metric not in file.metrics.frame:
             raise UnknownComponent(
                 f"metrics.stabilised has an unknown frame metric {metric!r}"
                 f"{registry.nearest(metric, frame)}"
             )
-        stabilised = {"name": "stabilised", "metric": frame[metric]}
-        frame = {**frame, f"{metric}-stabilised": stabilised}
-    matrix = Matrix(
-        name=name,
-        **protocol,
-        **tables,
-        frame_metrics=frame,
-        trajectory_metrics=metrics["trajectory"],
-    )
-    _check_columns([*matrix.frame_metrics, *matrix.trajectory_metrics])
+        frame[f"{metric}-stabilised"] = {"name": "stabilised", "metric": frame[metric]}
+    trajectory = file.metrics.trajectory
+    _check_columns([*frame, *trajectory])
+    tables = file.model_dump(exclude={"metrics", "protocol"}) | file.protocol.model_dump()
+    matrix = Matrix(name=name, **tables, frame_metrics=frame, trajectory_metrics=trajectory)
     _check_methods(matrix)
     return matrix
 

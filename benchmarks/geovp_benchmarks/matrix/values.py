@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
@@ -41,21 +42,24 @@ def _by_name(value: Any) -> Any:
         return value
     if not isinstance(value, list):
         raise ValueError('expected a list such as ["psnr", "ssim"]')
-    by_name = {}
-    for table in map(_named, value):
-        name = table["name"]
-        if name in by_name:
+    tables = [_named(table) for table in value]
+    names = [table["name"] for table in tables]
+    for name in names:
+        if names.count(name) > 1:
             raise ValueError(
                 f"expected {name!r} once: give a table, such as {{ other = {{ name = {name!r} }} }}"
             )
-        by_name[name] = table
-    return by_name
+    return dict(zip(names, tables, strict=True))
 
 
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
-Count = Annotated[int, Field(strict=True, ge=1), Expected("a whole number of 1 or more")]
+Count = Annotated[
+    int,
+    Field(strict=True, ge=1, lt=2**31),
+    Expected("a whole number of 1 or more, below 2 to the 31"),
+]
 Device = Annotated[str, Field(pattern=DEVICE), Expected("cpu, cuda, cuda:N or auto")]
 # The name of a method has two of these, and file systems allow 255 bytes.
 FolderName = Annotated[
@@ -97,16 +101,13 @@ def _explained(error: ErrorDetails, kind: Any, where: str) -> GeovpError:
     return BadData(f"{place} is {error['input']!r}, {reason}")
 
 
-def check_storable(value: object, where: str = "", depth: int = 0) -> None:
-    """Raise BadData for a value that results cannot hold: a date, NaN, or deep nesting."""
-    if depth > 32:
-        raise BadData(f"{where[:60]}... is nested more than 32 tables deep: make it flatter")
+def check_storable(value: object, where: str = "") -> None:
+    """Raise BadData for a value that results cannot hold: a date or NaN."""
     if isinstance(value, dict):
         for key, item in value.items():
-            check_storable(item, f"{where}.{key}".removeprefix("."), depth + 1)
+            check_storable(item, f"{where}.{key}".removeprefix("."))
     elif isinstance(value, list):
         for number, item in enumerate(value):
-            check_storable(item, f"{where}[{number}]", depth + 1)
-    elif not isinstance(value, str) and not (isinstance(value, int | float) and abs(value) < 2**63):
-        given = "a number of more than 63 bits" if isinstance(value, int) else value
-        raise BadData(f"{where} is {given}, expected a finite number, true, false or a text")
+            check_storable(item, f"{where}[{number}]")
+    elif not isinstance(value, str) and not (isinstance(value, int | float) and abs(value) < inf):
+        raise BadData(f"{where} is {value}, expected a finite number, true, false or a text")
