@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.results.store import Part, Results, Rows
+from geovp_benchmarks.results.store import Part, Results, Scores
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,
@@ -117,8 +117,8 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}
     results.write_method("x", method)
-    rows = Rows.of(["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
-    results.write_part("x", rows, Part(("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
+    rows = Scores(["a"], {"psnr": np.linspace(20, 30, 6).reshape(1, 1, 6)})
+    results.write_part("x", rows, Part(["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))
     stack = np.stack([IMAGE] * 8)
     results.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
@@ -140,7 +140,7 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
 
 def read_scores(results: Results) -> Any:
-    return [*results.scores("x").lines()], [part.seconds for part in results.parts("x")]
+    return [*results.scores("x").rows()], [part.seconds for part in results.parts("x")]
 
 
 def colmap_model(file: str) -> Write:

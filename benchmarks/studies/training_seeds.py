@@ -46,9 +46,8 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
     scores: dict[str, dict[str, dict[str, float]]] = {}  # by method, seed and clip
     for method in results.methods():
         if match := re.fullmatch(r"(.+?)-(\d+)(--.+)?", method.name):
-            cube = statistics.cube(results.scores(method.name), metric)
-            values = statistics.over_steps(statistics.mean_of_samples(cube, None))
-            by_clip = dict(zip(cube.clips, values, strict=True))
+            values = statistics.over_steps(results.means(method.name)[metric])  # over samples
+            by_clip = dict(zip(results.protocol()["clips"], values.tolist(), strict=True))
             scores.setdefault(match[1], {})[match[2]] = by_clip
     if reference not in scores:
         names = ", ".join(scores) or "none"

@@ -2,18 +2,17 @@
 cameras.
 """
 
-import dataclasses
 import json
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
-from geovp_benchmarks.results.store import Method, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
@@ -77,13 +76,10 @@ def rows(root: Path, method: str) -> list[dict[str, Any]]:
     return dicts(Results(root).scores(method))
 
 
-def dicts(rows: Rows) -> list[dict[str, Any]]:
-    """Each row by the names of the columns, None where its value is not defined."""
-    names = [field.name for field in dataclasses.fields(rows)]
-    return [
-        dict(zip(names, (*line, None if math.isnan(value) else value), strict=True))
-        for *line, value in rows.lines()
-    ]
+def dicts(scores: Scores) -> list[dict[str, Any]]:
+    """Return each score by the names of the columns, without those that are not defined."""
+    names = ("clip", "sample", "step", "metric", "value")
+    return [dict(zip(names, row, strict=True)) for row in scores.rows() if row[-1] == row[-1]]
 
 
 def values(root: Path, method: str, metric: str) -> list[float]:
@@ -91,9 +87,9 @@ def values(root: Path, method: str, metric: str) -> list[float]:
     return [row["value"] for row in rows(root, method) if row["metric"] == metric]
 
 
-def scores(lines: Iterable[tuple[str, int, int, str, float | None]]) -> Rows:
-    """Rows (clip, sample, step, metric, value) in columns."""
-    return Rows.of(*zip(*lines, strict=True))
+def scores(rows: Iterable[Sequence[Any]]) -> Scores:
+    """Return the scores in rows (clip, sample, step, metric, value)."""
+    return Scores.of_rows([(*row[:4], np.nan if row[4] is None else row[4]) for row in rows])
 
 
 def write_row(
@@ -105,7 +101,7 @@ def write_row(
 ) -> None:
     """Store a method that is done, with its rows as one part; facts are those of clips."""
     lines = list(lines)
-    clips = tuple(dict.fromkeys(clip for clip, *_ in lines))
+    clips = list(dict.fromkeys(clip for clip, *_ in lines))
     own = {
         "label": name.replace("--", " + "),
         "kind": "predictor",

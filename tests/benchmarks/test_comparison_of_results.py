@@ -116,8 +116,8 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     results = Results(b)
     for part in results.parts("still"):
-        rows = results.scores("still").of_clips(part.clips)
-        why = dict.fromkeys(part.clips[::2], ("failed", "no light", ""))
+        rows = results.scores("still")
+        why = {clip: ["failed", "no light", ""] for clip in part.clips[::2]}
         results.write_part(
             "still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"})
         )

@@ -25,7 +25,7 @@ def rewrite(
         kept = [
             new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None
         ]
-        results.write_part(method, scores(row.values() for row in kept), part)
+        results.write_part(method, scores([*row.values()] for row in kept), part)
 
 
 @pytest.fixture

@@ -83,7 +83,7 @@ def test_a_row_of_another_protocol_is_named() -> None:
 def test_methods_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
     two = go(tmp_path / "two", content({"clips": 2}, predictors=STILL))["still"]
     three = go(tmp_path / "three", content({"clips": 3}, predictors=STILL))["still"]
-    ids = [two.record["protocol_id"], three.record["protocol_id"]]
+    ids = [two.protocol_id, three.protocol_id]
     assert ids[0] != ids[1]
     for folder, own in zip(("two", "three"), ids, strict=True):
         results = Results(tmp_path / folder)
@@ -101,7 +101,7 @@ def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
     go(tmp_path / "all", content(predictors=STILL), keep="3")  # of five clips
     before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
     (rescored,) = rescore(before, after, stored_metrics(before), lambda done, total: None)
-    assert rescored.record["protocol_id"] == after.protocol()["id"] == protocol_id(after.protocol())
+    assert rescored.protocol_id == after.protocol()["id"] == protocol_id(after.protocol())
     assert after.protocol()["id"] != before.protocol()["id"]
 
 

@@ -1,7 +1,6 @@
 """A run fills what is missing, records what cannot be, and computes nothing twice."""
 
 import json
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -77,13 +76,10 @@ class TestRows:
         predictors = {
             name: {"name": "toy-hoard", "megabytes": size} for name, size in sizes_mb.items()
         }
-        records = {
-            name: method.record
-            for name, method in go(tmp_path, content(predictors=predictors)).items()
-        }
+        records = go(tmp_path, content(predictors=predictors))
         assert list(records) == ["large", "small"]
-        assert records["large"]["peak_memory_mb"] - records["small"]["peak_memory_mb"] > 200
-        assert (records["large"]["peak_is_own"], records["small"]["peak_is_own"]) == (True, True)
+        assert records["large"].peak_memory_mb - records["small"].peak_memory_mb > 200
+        assert (records["large"].peak_is_own, records["small"].peak_is_own) == (True, True)
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
@@ -243,7 +239,7 @@ class TestFailures:
             "done",
         ]
         assert methods["broken"].reason == "ZeroDivisionError: the road ended"
-        assert "the road ended" in methods["broken"].record["traceback"]
+        assert "the road ended" in methods["broken"].traceback
         assert methods["misfit"].reason == "misfits need a square road: give one"
         assert (
             methods["small"].reason
@@ -263,7 +259,7 @@ class TestFailures:
         )
         method = go(tmp_path, tables, keep="0")["broken"]
         assert (method.status, method.num_clips, method.num_failed) == ("done", 5, 2)
-        assert "the road ended" in method.record["traceback"]
+        assert "the road ended" in method.traceback
         reason = "ZeroDivisionError: the road ended"
         assert Results(tmp_path).failures("broken") == {"road/003": reason, "road/004": reason}
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
@@ -338,11 +334,13 @@ class TestFailures:
             predictors={"still": {"name": "toy-still"}, "gone": {"name": "toy-uninstalled"}}
         )
         go(tmp_path, tables)
-        shutil.copytree(tmp_path / "still/scores", tmp_path / "gone/scores")
+        results = Results(tmp_path)
+        (part,) = results.parts("still")
+        results.write_part("gone", results.scores("still"), part)
         there = json.loads((tmp_path / "still/method.json").read_text())
         here = json.loads((tmp_path / "gone/method.json").read_text())
         record = {**there, **{key: here[key] for key in ("label", "asked")}}
-        Results(tmp_path).write_method("gone", record)
+        results.write_method("gone", record)
         assert go(tmp_path, tables)["gone"].status == "done"
         assert len(rows(tmp_path, "gone")) == 10
         tables["predictors"]["gone"]["seed"] = 3

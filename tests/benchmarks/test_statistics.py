@@ -5,31 +5,28 @@ import itertools
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.results.store import Rows
+from geovp_classic.types import FloatArray
 from tests.benchmarks.made import scores
 
 NAN = float("nan")
 
 
-def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr") -> Rows:
-    return scores((*key, metric, value) for key, value in values.items())
+def rows(values: dict[tuple[str, int, int], float | None]) -> FloatArray:
+    return scores((*key, "psnr", value) for key, value in values.items()).values["psnr"]
 
 
 def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) =
     # 2.828; / sqrt(2) = 2
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
-    one = statistics.mean_of_samples(statistics.cube(table, "psnr"), True)
-    estimate = statistics.overall(one)
+    estimate = statistics.over_clips(statistics.over_steps(statistics.mean_of_samples(table)))
     assert (float(estimate.mean), int(estimate.count)) == (4.0, 2)
     np.testing.assert_allclose(estimate.error, 2.0)
 
 
 def test_steps_have_their_own_means() -> None:
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 9.0})
-    estimate = statistics.over_clips(
-        statistics.mean_of_samples(statistics.cube(table, "psnr"), True)
-    )
+    estimate = statistics.over_clips(statistics.mean_of_samples(table, True))
     np.testing.assert_allclose(estimate.mean, [3.0, 6.0])
     np.testing.assert_allclose(estimate.error, [2.0, 3.0])
 
@@ -44,56 +41,51 @@ def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> Non
             ("c", 0, 1): 3.0,
         }
     )
-    estimate = statistics.overall(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
+    estimate = statistics.over_clips(statistics.over_steps(statistics.mean_of_samples(table)))
     assert (float(estimate.mean), int(estimate.count)) == (2.0, 2)
 
 
 def test_best_sample_is_one_sample_over_all_steps() -> None:
     # sample 0: 10, 2 (mean 6); sample 1: 5, 5 (mean 5). The best step of each would give 10, 5.
     table = rows({("a", 0, 1): 10.0, ("a", 0, 2): 2.0, ("a", 1, 1): 5.0, ("a", 1, 2): 5.0})
-    cube = statistics.cube(table, "psnr")
-    np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[10.0, 2.0]])
-    np.testing.assert_array_equal(statistics.best_of_samples(cube, False), [[5.0, 5.0]])
+    np.testing.assert_array_equal(statistics.best_of_samples(table, True), [[10.0, 2.0]])
+    np.testing.assert_array_equal(statistics.best_of_samples(table, False), [[5.0, 5.0]])
     np.testing.assert_array_equal(
-        statistics.best_of_samples(cube, None), [[7.5, 3.5]]
+        statistics.best_of_samples(table, None), [[7.5, 3.5]]
     )  # nothing is better
-    np.testing.assert_array_equal(statistics.mean_of_samples(cube, True), [[7.5, 3.5]])
+    np.testing.assert_array_equal(statistics.mean_of_samples(table, True), [[7.5, 3.5]])
 
 
 def test_one_metric_can_choose_the_sample_of_all() -> None:
     # Clip a: sample 1 is best in PSNR; clip b: sample 0. LPIPS of just these: a 0.5, b 0.3, though
     # 0.1 and 0.2 exist.
-    psnr = statistics.Cube(("a", "b"), np.array([[[10.0], [12.0]], [[9.0], [8.0]]]))
-    lpips = statistics.Cube(("b", "a"), np.array([[[0.3], [0.2]], [[0.1], [0.5]]]))
+    psnr = np.array([[[10.0], [12.0]], [[9.0], [8.0]]])
+    lpips = np.array([[[0.1], [0.5]], [[0.3], [0.2]]])
     same = statistics.best_by(psnr, True)
-    np.testing.assert_array_equal(same(lpips, False), [[0.3], [0.5]])
+    np.testing.assert_array_equal(same(lpips, False), [[0.5], [0.3]])
     np.testing.assert_array_equal(same(psnr, True), statistics.best_of_samples(psnr, True))
-    np.testing.assert_array_equal(statistics.best_of_samples(lpips, False), [[0.2], [0.1]])
+    np.testing.assert_array_equal(statistics.best_of_samples(lpips, False), [[0.1], [0.2]])
 
 
 def test_a_clip_that_the_judge_does_not_know_has_no_value() -> None:
-    judge = statistics.Cube(("a",), np.array([[[10.0], [12.0]]]))
-    other = statistics.Cube(("a", "z"), np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
+    judge = np.array([[[10.0], [12.0]], [[NAN], [NAN]]])
+    other = np.array([[[1.0], [2.0]], [[3.0], [4.0]]])
     np.testing.assert_array_equal(statistics.best_by(judge, True)(other, True), [[2.0], [NAN]])
-    whole = statistics.Cube(
-        ("a",), np.array([[[7.0]]])
-    )  # one value for all samples, not the judge's number of them
-    np.testing.assert_array_equal(statistics.best_by(judge, True)(whole, True), [[NAN]])
+    whole = np.array([[[7.0]], [[8.0]]])  # a value for all samples, not the judge's number
+    np.testing.assert_array_equal(statistics.best_by(judge, True)(whole, True), [[NAN], [NAN]])
 
 
 def test_expected_best_is_the_mean_over_all_sets() -> None:
     values = np.random.default_rng(0).normal(size=(3, 7, 4))
-    cube = statistics.Cube(("a", "b", "c"), values)
     scores = values.mean(axis=2)
     for k in range(1, 8):
         sets = [list(chosen) for chosen in itertools.combinations(range(7), k)]
         wanted = np.mean([scores[:, chosen].max(axis=1) for chosen in sets], axis=0)
-        np.testing.assert_allclose(statistics.expected_best(cube, True)[:, k - 1], wanted)
+        np.testing.assert_allclose(statistics.expected_best(values, True)[:, k - 1], wanted)
 
 
 def test_samples_and_steps_that_no_row_names_are_undefined() -> None:
-    cube = statistics.cube(rows({("b", 1, 3): 5.0, ("a", 0, 1): 1.0}), "psnr")
-    assert cube.clips == ("b", "a")
+    values = rows({("b", 1, 3): 5.0, ("a", 0, 1): 1.0})
     expected = np.full((2, 2, 3), NAN)
     expected[0, 1, 2], expected[1, 0, 0] = 5.0, 1.0
-    np.testing.assert_array_equal(cube.values, expected)
+    np.testing.assert_array_equal(values, expected)

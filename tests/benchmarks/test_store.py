@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Part, Results, Rows, check_clip_name, write_bytes
+from geovp_benchmarks.results.store import Part, Results, Scores, check_clip_name, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_row
@@ -28,7 +28,7 @@ def clip(**more: Any) -> Clip:
     return Clip(NAME, frames, np.arange(5) * 0.1, CAMERA, **more)
 
 
-def rows(*values: float | None) -> Rows:
+def rows(*values: float | None) -> Scores:
     return scores(("a", 0, step, "psnr", value) for step, value in enumerate(values, 1))
 
 
@@ -83,7 +83,7 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     assert (plain.covered, plain.motion) == (None, None)
 
 
-def file_of(results: Results, values: Rows, *about: Any) -> Path:
+def file_of(results: Results, values: Scores, *about: Any) -> Path:
     """Write a score file of method x and return its path."""
     before = set(results.score_files.parts("x"))
     results.write_part("x", values, Part(*about))
@@ -91,24 +91,24 @@ def file_of(results: Results, values: Rows, *about: Any) -> Path:
     return path
 
 
-def rows_of(clip: str, *values: float | None) -> Rows:
+def rows_of(clip: str, *values: float | None) -> Scores:
     return scores((clip, 0, step, "psnr", value) for step, value in enumerate(values, 1))
 
 
 def test_rows_come_back_in_the_order_of_clips_and_undefined_is_null(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    file_of(results, rows_of("b", 3.0, None), ("b",), "f", {}, {"view": 2.0}, 10.0)
-    file_of(results, rows_of("a", 1.0), ("a",), "f", {}, {"view": 1.0}, 11.0)
-    assert values(results) == [1.0, 3.0, None]
-    seconds = {part.clips: part.seconds for part in results.parts("x")}
+    file_of(results, rows_of("b", 3.0, None), ["b"], "f", {}, {"view": 2.0}, 10.0)
+    file_of(results, rows_of("a", 1.0), ["a"], "f", {}, {"view": 1.0}, 11.0)
+    assert values(results) == [1.0, 3.0]  # a value that is not defined is NaN
+    seconds = {tuple(part.clips): part.seconds for part in results.parts("x")}
     assert seconds == {("a",): {"view": 1.0}, ("b",): {"view": 2.0}}
 
 
 def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    file_of(results, scores([(c, 0, 1, "psnr", 1.0) for c in "acb"]), ("a", "c", "b"), "f", {},
+    file_of(results, scores([(c, 0, 1, "psnr", 1.0) for c in "acb"]), ["a", "c", "b"], "f", {},
             {"view": 3.0}, 1.0)  # fmt: skip
-    file_of(results, rows_of("a", 2.0), ("a",), "f", {}, {"view": 1.0}, 1.0)
+    file_of(results, rows_of("a", 2.0), ["a"], "f", {}, {"view": 1.0}, 1.0)
     for _ in range(2):
         assert values(results) == [2.0, 1.0]
         assert sum(part.seconds["view"] for part in results.parts("x")) == pytest.approx(2.0)
@@ -121,9 +121,9 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
 
 def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
     results = begun(tmp_path, fingerprint="new")
-    file_of(results, rows_of("a", 1.0), ("a",), "old", {}, {}, 0.0)
-    cut = file_of(results, rows_of("b", 2.0), ("b",), "new", {}, {}, 0.0)
-    other = file_of(results, rows_of("a", 3.0), ("a",), "new", {}, {}, 0.0)
+    file_of(results, rows_of("a", 1.0), ["a"], "old", {}, {}, 0.0)
+    cut = file_of(results, rows_of("b", 2.0), ["b"], "new", {}, {}, 0.0)
+    other = file_of(results, rows_of("a", 3.0), ["a"], "new", {}, {}, 0.0)
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     with pytest.raises(BadData, match=rf"{cut.name} is damaged"):
         results.scores("x")
@@ -136,26 +136,26 @@ def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_pat
 def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
     results, reader = begun(tmp_path), Results(tmp_path)
     for clip_name in "ab":
-        file_of(results, rows_of(clip_name, 1.0), (clip_name,), "f", {}, {}, 0.0)
-    read, merges = reader.score_files.rows, [results.merge]
+        file_of(results, rows_of(clip_name, 1.0), [clip_name], "f", {}, {}, 0.0)
+    read, merges = reader.score_files.scores, [results.merge]
 
-    def rows_after_merge(stored: Any) -> Rows:
+    def scores_after_merge(*parts_and_clips: Any) -> Scores:
         while merges:
             merges.pop()("x")
-        return read(stored)
+        return read(*parts_and_clips)
 
-    reader.score_files.rows = rows_after_merge  # type: ignore[method-assign]
+    reader.score_files.scores = scores_after_merge  # type: ignore[method-assign]
     assert values(reader) == [1.0, 1.0]
 
 
 def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path: Path) -> None:
     about = Part(
-        ("it's",),
+        ["it's"],
         "f",
         {"m'": {"a": "'"}},
         {},
         0.0,
-        failures={"it's": ("failed", "'\0\n\u00fc", "")},
+        failures={"it's": ["failed", "'\0\n\u00fc", ""]},
     )
     stored = scores(
         ("it's", 0, step, "m'", value) for step, value in enumerate((1.0, None, float("inf")), 1)
@@ -165,7 +165,7 @@ def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path:
         results.write_part("x", stored, about)
         assert dicts(results.scores("x")) == dicts(stored)
         assert [(part.clips, part.metrics, part.failures) for part in results.parts("x")] == [
-            (("it's",), {"m'": {"a": "'"}}, {"it's": ["failed", "'\0\n\u00fc", ""]})
+            (["it's"], {"m'": {"a": "'"}}, {"it's": ["failed", "'\0\n\u00fc", ""]})
         ]
 
 
@@ -174,10 +174,10 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
-            results.write_part("x", rows(1.0), Part(("a",), "f", {}, {}, 0.0))
+            results.write_part("x", rows(1.0), Part(["a"], "f", {}, {}, 0.0))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    results.write_part("x", rows(1.0), Part(("a",), "f", {}, {}, 0.0))
+    results.write_part("x", rows(1.0), Part(["a"], "f", {}, {}, 0.0))
     assert values(results) == [1.0]
 
 
@@ -214,10 +214,10 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
 
 def test_methods_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
-    results.write_part("x", rows(1.0), Part(("a",), "old", {}, {}, 0.0))
+    results.write_part("x", rows(1.0), Part(["a"], "old", {}, {}, 0.0))
     results.swap("x", "old", "new")
     assert not (tmp_path / "x").exists()
-    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(("a",), "new", {}, {}, 0.0))
+    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(["a"], "new", {}, {}, 0.0))
     assert values(results.with_rows_of("x", "new")) == [2.0, 3.0]
     assert results.set_aside() == {tmp_path / "earlier/old/x"}
     assert results.with_rows_of("x", "old").root == tmp_path / "earlier/old"
@@ -272,22 +272,22 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_part_is_noticed(damage: str, tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(("a",), "f", {}, {}, 0.0))
+    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(["a"], "f", {}, {}, 0.0))
     (path,) = (tmp_path / "x/scores").iterdir()
     content = path.read_bytes()
     path.write_bytes(DAMAGES[damage](content))
     with pytest.raises(BadData, match="is damaged"):
         results.scores("x")
     path.write_bytes(content)
-    assert len(results.scores("x")) == 200
+    assert results.scores("x").values["psnr"].shape == (3, 1, 200)
 
 
 def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    failures = {"b": ("failed", "no features", "trace")}
+    failures = {"b": ["failed", "no features", "trace"]}
     for index, name in enumerate("ab"):
         facts = {name: {"yaw_deg": float(index)}}
-        part = Part((name,), "f", {}, {}, 0.0, failures=failures, facts=facts)
+        part = Part([name], "f", {}, {}, 0.0, failures=failures, facts=facts)
         results.write_part("x", rows_of(name, 1.0), part)
     assert results.failures("x") == {"b": "no features"}
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}

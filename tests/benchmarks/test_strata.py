@@ -102,7 +102,8 @@ def test_every_clip_is_in_the_stratum_of_its_facts(
     results: Results, by: str, expected: dict[str, str]
 ) -> None:
     divided = {
-        subset.label: "".join(sorted(subset.chosen)) for subset in strata.divide(results, by)
+        subset.label: "".join(sorted(subset.protocol()["clips"]))
+        for subset in strata.divide(results, by)
     }
     assert expected.items() <= divided.items()
     assert "".join(sorted("".join(divided.values()))) == "abcde"
@@ -115,7 +116,9 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
     }
     results = fill(tmp_path, facts)
     assert strata.divide(results, "seen")[0].label == "below 56.7% seen before"
-    moving = {subset.label: set(subset.chosen) for subset in strata.divide(results, "moving")}
+    moving = {
+        subset.label: set(subset.protocol()["clips"]) for subset in strata.divide(results, "moving")
+    }
     assert moving == {
         "below 1.0% of pixels moving": {"a"},
         "1.0% or more of pixels moving": {"b", "c"},

@@ -39,7 +39,7 @@ def shift(root: Path, method: str, clip: str, metric: str, by: float) -> None:
         row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2)
     )
     changed["value"] += by
-    results.write_part(method, scores(row.values() for row in lines), part)
+    results.write_part(method, scores([*row.values()] for row in lines), part)
 
 
 @pytest.mark.usefixtures("toys")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import higher_is_better
@@ -15,7 +14,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray
 
-MIN_CLIPS = 3  # to be ranked at a step
 HEAD = ("method", "clips", "confidence", "step alone", "among clips at a step")
 NOTE = (
     "1: frames of higher confidence have the better {}, always; 0: no relation. Step alone: how "
@@ -60,20 +58,22 @@ def rankings(results: Results, metric: str) -> list[Ranking]:
 
 
 def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
+    """Yield the ranking of each method that has confidences."""
     for method in results.methods():
-        rows, failed = results.scores(method.name), results.failures(method.name)
-        sure, score = statistics.cube(rows, CONFIDENCE), statistics.cube(rows, metric)
-        clips = [clip for clip in sure.clips if clip in score.clips and clip not in failed]
-        if clips:
-            one = sure.values[[sure.clips.index(clip) for clip in clips]]  # [N, S, F]
-            other = sign * score.values[[score.clips.index(clip) for clip in clips]]
-            earlier = np.broadcast_to(-np.arange(one.shape[2], dtype=float), one.shape)
-            steps = range(one.shape[2] if len(clips) >= MIN_CLIPS else 0)
-            within = [spearman(one[..., step], other[..., step]) for step in steps]
+        stored, failed = results.scores(method.name), results.failures(method.name)
+        if not {CONFIDENCE, metric} <= stored.values.keys():
+            continue
+        known = np.array([clip not in failed for clip in stored.clips])
+        confidence, score = stored.values[CONFIDENCE], sign * stored.values[metric]  # [N, S, F]
+        known &= (np.isfinite(confidence) & np.isfinite(score)).any(axis=(1, 2))
+        if known.any():
+            confidence, score = confidence[known], score[known]
+            earlier = np.broadcast_to(-np.arange(confidence.shape[2], dtype=float), score.shape)
+            steps = range(confidence.shape[2] if len(confidence) >= 3 else 0)
+            within = [spearman(confidence[..., step], score[..., step]) for step in steps]
             mean = float(np.mean([value for value in within if np.isfinite(value)] or [np.nan]))
-            yield Ranking(
-                method.label, len(clips), spearman(one, other), spearman(earlier, other), mean
-            )
+            rank, by_step = spearman(confidence, score), spearman(earlier, score)
+            yield Ranking(method.label, len(confidence), rank, by_step, mean)
 
 
 def spearman(one: FloatArray, other: FloatArray) -> float:

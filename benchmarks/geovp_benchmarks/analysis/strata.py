@@ -6,16 +6,14 @@ and, where they are known, exact depths and moving objects; never from a predict
 on video without exact depth.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import COVERAGE
-from geovp_benchmarks.results.store import Method, Results, Rows
+from geovp_benchmarks.results.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 
@@ -53,46 +51,7 @@ DIVISIONS = {
 }
 
 
-@dataclass(frozen=True)
-class ClipSubset(Results):
-    """The same results folder with some of its clips alone; for reading."""
-
-    chosen: frozenset[str] = frozenset()
-    label: str = ""  # of the clips, for people
-
-    def protocol(self) -> dict[str, Any]:
-        """Return what holds for all clips, with the chosen ones alone."""
-        whole = super().protocol()
-        clips = [clip for clip in whole["clips"] if clip in self.chosen]
-        return {
-            **whole,
-            "name": f"{whole['name']}, {self.label} (n = {len(clips)})",
-            "clips": clips,
-        }
-
-    def methods(self) -> list[Method]:
-        """Return what holds for all clips, with the number of the chosen ones that have rows."""
-        return [
-            dataclasses.replace(
-                method,
-                num_clips=len(self.scores(method.name).clip.categories),
-                num_failed=len(self.failures(method.name)),
-            )
-            for method in super().methods()
-        ]
-
-    def failures(self, method: str) -> dict[str, str]:
-        """Return those of the chosen clips."""
-        return {
-            clip: reason for clip, reason in super().failures(method).items() if clip in self.chosen
-        }
-
-    def scores(self, method: str) -> Rows:
-        """Return the chosen clips' rows."""
-        return super().scores(method).of_clips(self.chosen)
-
-
-def divide(results: Results, by: str) -> list[ClipSubset]:
+def divide(results: Results, by: str) -> list[Results]:
     """Return a subset per stratum that has clips, and one of the clips whose fact is not known;
     BadData where none is.
     """
@@ -122,9 +81,7 @@ def divide(results: Results, by: str) -> list[ClipSubset]:
         for rank in range(len(labels))
     ]
     return [
-        ClipSubset(results.root, own, label)
-        for own, label in zip(chosen, labels, strict=True)
-        if own
+        Results(results.root, own, label) for own, label in zip(chosen, labels, strict=True) if own
     ]
 
 
@@ -142,7 +99,8 @@ def _facts(results: Results, fact: str) -> tuple[Mapping[str, float], str]:
         for method in results.methods()
         if method.kind == "geometric" and method.status == "done"
     ):
-        cube = statistics.cube(results.scores(method.name), COVERAGE)
-        shares = statistics.mean_of_samples(cube, True).mean(axis=1)
-        return dict(zip(cube.clips, shares.tolist(), strict=True)), f", as {method.label} covers it"
+        fractions = statistics.mean_of_samples(results.scores(method.name).values[COVERAGE])
+        means = statistics.over_steps(fractions).tolist()
+        facts = dict(zip(results.protocol()["clips"], means, strict=True))
+        return facts, f", as {method.label} covers it"
     return {}, ""

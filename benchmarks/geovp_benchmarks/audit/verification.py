@@ -12,12 +12,12 @@ from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
-from geovp_benchmarks.results.store import Method, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results, Scores
 from geovp_benchmarks.running.task import Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
-Scores = Mapping[tuple[str, int, int], float]  # by metric, sample and step
+Values = Mapping[tuple[str, int, int], float]  # by metric, sample and step, where defined
 
 
 @dataclass(frozen=True)
@@ -135,13 +135,12 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         metrics = built.metrics.about
         missing = {name: metrics[name]["unavailable"] for name in pair.part.metrics}
         missing = {name: reason for name, reason in missing.items() if reason}
-        rows = pair.results.scores(pair.method.name).of_clips((pair.clip,))
-        stored = {
-            key: value
-            for key, value in _scores(rows).items()
-            if key[0].partition("@")[0] not in missing
+        stored = _values(pair.results.scores(pair.method.name), pair.clip)
+        differences = {
+            name: difference
+            for name, difference in _differences(stored, recomputed).items()
+            if name.partition("@")[0] not in missing
         }
-        differences = _differences(stored, recomputed)
         is_repeatable = not differences or not _differences(recomputed, _recompute(pair, matrix))
     except GeovpError as problem:
         return Verdict(pair, f"cannot be computed here: {problem}")
@@ -172,30 +171,35 @@ def _matrix(results: Results, root: Path | None, pair: Pair | None = None) -> Ma
     return validated(Matrix, fields, "protocol.json").with_root(root)
 
 
-def _recompute(pair: Pair, matrix: Matrix) -> Scores:
+def _recompute(pair: Pair, matrix: Matrix) -> Values:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
     index = pair.results.protocol()["clips"].index(pair.clip)
     fingerprints = {matrix.methods[0]: pair.method.fingerprint}
     task = Task(matrix.to_json(), pair.results.root, index, pair.clip, fingerprints)
-    [scores] = score_clip(task)
-    if scores.failure and pair.clip not in pair.part.failures:
-        raise GeovpError(scores.failure[1])
-    return _scores(scores.rows)
+    [(_, scores, part)] = score_clip(task)
+    if part.failures and pair.clip not in pair.part.failures:
+        raise GeovpError(part.failures[pair.clip][1])
+    return _values(scores, pair.clip)
 
 
-def _scores(rows: Rows) -> Scores:
-    """Return scores by metric, sample and step."""
-    return {(metric, sample, step): value for _, sample, step, metric, value in rows.lines()}
+def _values(scores: Scores, clip: str) -> Values:
+    """Return the scores of a clip."""
+    number = list(scores.clips).index(clip)
+    return {
+        (name, *place): float(value)
+        for name, values in scores.values.items()
+        for place, value in np.ndenumerate(values[number])
+        if not np.isnan(value)
+    }
 
 
-def _differences(stored: Scores, recomputed: Scores) -> dict[str, float]:
+def _differences(stored: Values, recomputed: Values) -> dict[str, float]:
     """Return the largest difference of each metric with values that are not identical."""
     differences: dict[str, float] = {}
-    for key, value in stored.items():
-        other = recomputed.get(key, math.inf)
-        if value != other and not (math.isnan(value) and math.isnan(other)):
+    for key in stored.keys() | recomputed.keys():
+        value, other = stored.get(key, math.nan), recomputed.get(key, math.nan)
+        if value != other:
             difference = abs(value - other)
-            if math.isnan(difference):
-                difference = math.inf
+            difference = math.inf if math.isnan(difference) else difference
             differences[key[0]] = max(differences.get(key[0], 0.0), difference)
     return differences

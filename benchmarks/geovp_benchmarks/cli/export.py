@@ -25,21 +25,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the file, and print its path."""
     import duckdb
+    import numpy as np
 
     from geovp_benchmarks.results.store import Results
     from geovp_classic.data.atomic import atomic_write
 
     results = Results(args.folder)
     with duckdb.connect() as database, atomic_write(args.out) as scratch:
+        names = ("method", "clip", "sample", "step", "metric", "value")
         types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
         database.execute(f"CREATE TABLE scores ({types})")
         for method in results.methods():
-            rows = results.scores(method.name)
-            columns = {"clip": rows.clip.values(), "sample": rows.sample, "step": rows.step}
-            columns |= {"metric": rows.metric.values(), "value": rows.value}
-            database.register("rows", columns)
-            query = "SELECT $1, clip, sample, step, metric, if(isnan(value), NULL, value) FROM rows"
-            database.execute(f"INSERT INTO scores {query}", [method.label])
+            rows = [(method.label, *row) for row in results.scores(method.name).rows()]
+            columns = (np.array(column, object) for column in zip(*rows, strict=True))
+            database.register("rows", dict(zip(names, columns, strict=True)))
+            database.execute(
+                "INSERT INTO scores SELECT * REPLACE (nullif(value, 'nan'::DOUBLE) AS value) FROM rows"
+            )
         try:
             getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
         except duckdb.IOException as error:

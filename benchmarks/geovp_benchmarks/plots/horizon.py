@@ -28,11 +28,10 @@ def metrics(material: Material) -> list[str]:
     They have the order of the protocol; metrics over sets of pixels come last.
     """
     steps: dict[str, set[int]] = {}
-    for scores in material.rows.values():
-        finite = scores.where(~np.isnan(scores.value))
-        for metric in finite.metric.categories:
-            values = finite.of_metrics((metric,)).step.tolist()
-            steps.setdefault(metric, set()).update(values)
+    for scores in material.scores.values():
+        for metric, values in scores.values.items():
+            finite = np.flatnonzero(np.isfinite(values).any(axis=(0, 1)))
+            steps.setdefault(metric, set()).update(finite.tolist())
     facts = material.protocol["metrics"]
     min_steps = min(2, material.protocol["num_future"])
     names = []
@@ -81,16 +80,17 @@ def sample_pages(material: Material, metric: str, layout: style.Layout) -> list[
     higher = higher_is_better(metric, facts)
     if higher is None:
         return []
-    cubes = {}
+    scores = {}
     for method in material.methods:
-        cube = statistics.cube(material.rows[method.name], metric)
-        if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
-            cubes[method.label] = cube
-    styles = style.line_styles([(label, "") for label in cubes])
+        values = material.values(method, metric)
+        if values.shape[1] > 1 and np.isfinite(values).any():
+            scores[method.label] = values
+    styles = style.line_styles([(label, "") for label in scores])
     shown = []
-    for (label, cube), line in zip(cubes.items(), styles, strict=True):
-        best = statistics.expected_best(cube, higher)
-        shown.append(curves.Curve.of(label, best, cube.clips, bounds(metric, facts), line))
+    for (label, values), line in zip(scores.items(), styles, strict=True):
+        best = statistics.expected_best(values, higher)
+        clips = material.protocol["clips"]
+        shown.append(curves.Curve.of(label, best, clips, bounds(metric, facts), line))
     if not shown:
         return []
     shown = _limited(shown, material, metric, layout)
@@ -107,12 +107,12 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
     lines = _lines(material.methods, is_trajectory=facts["role"] == "trajectory")
     shown = []
     for line, look in zip(lines, style.line_styles([line.key for line in lines]), strict=True):
-        cube = statistics.cube(material.rows[line.method.name], metric)
+        samples = material.values(line.method, metric)
         is_defined = higher is not None or line.reduce is not statistics.best_of_samples
-        if is_defined and np.isfinite(cube.values).any():
-            values = line.reduce(cube, higher)
+        if is_defined and np.isfinite(samples).any():
+            values, clips = line.reduce(samples, higher), material.protocol["clips"]
             ends = bounds(metric, facts)
-            shown.append(curves.Curve.of(line.label, values, cube.clips, ends, look))
+            shown.append(curves.Curve.of(line.label, values, clips, ends, look))
     most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):
         if curve.num_clips < most:
@@ -171,7 +171,7 @@ def _lines(methods: Sequence[Method], *, is_trajectory: bool) -> list[Line]:
         if is_trajectory:
             second, label = "", first
         count = method.num_samples
-        reductions = {"": statistics.mean_of_samples}
+        reductions: dict[str, statistics.Reduction] = {"": statistics.mean_of_samples}
         if count > 1:
             reductions = {
                 f", mean of {count}": statistics.mean_of_samples,

@@ -25,10 +25,10 @@ def pages(material: Material, number: int, name: str, layout: Layout) -> list[Pa
 
 def notes(material: Material, method: Method, clip: str, num_samples: int) -> list[str]:
     """Return the scores of the first sample on a clip."""
-    scores = material.rows[method.name].of_clips((clip,))
+    number = material.protocol["clips"].index(clip)
     lines = [f"sample 1 of {num_samples}"] if num_samples > 1 else []
     for metric, facts in material.protocol["metrics"].items():
-        values = scores.where(scores.metric.among((metric,)) & (scores.sample == 0)).value
+        values = material.values(method, metric)[number, 0]
         is_score = facts["role"] == "frame" and higher_is_better(metric, facts) is not None
         if is_score and not np.isnan(values).all():
             lines.append(f"{title(metric)} {np.nanmean(values):#.3g} {facts['unit']}".strip())

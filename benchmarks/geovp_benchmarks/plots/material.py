@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.store import Method, Results, Rows
+from geovp_benchmarks.results.store import Method, Results, Scores
 from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
+from geovp_classic.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Material:
     results: Results
     protocol: Mapping[str, Any]
     methods: Sequence[Method]  # with rows
-    rows: Mapping[str, Rows]  # by method
+    scores: Mapping[str, Scores]  # by method
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
     @classmethod
@@ -42,9 +43,14 @@ class Material:
         protocol = results.protocol()
         methods = choice.select(results.methods())
         ran = [method for method in methods if method.status in ("done", "partial")]
-        rows = {method.name: results.scores(method.name) for method in ran}
-        methods = [method for method in ran if len(rows[method.name])]
-        return cls(results, protocol, methods, rows, _step_s(results, protocol["num_past"]))
+        scores = {method.name: results.scores(method.name) for method in ran}
+        methods = [method for method in ran if scores[method.name].values]
+        return cls(results, protocol, methods, scores, _step_s(results, protocol["num_past"]))
+
+    def values(self, method: Method, metric: str) -> FloatArray:
+        """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
+        empty = np.full((len(self.protocol["clips"]), 1, self.protocol["num_future"]), np.nan)
+        return self.scores[method.name].values.get(metric, empty)
 
     @property
     def data(self) -> str:

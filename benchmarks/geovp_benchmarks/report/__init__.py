@@ -86,7 +86,7 @@ def settings_as_toml(method: Method) -> str:
     """Format the resolved components as they stand in a matrix file."""
     blocks = []
     for role, settings in method.components.items():
-        name = method.record.get(role) or method.name
+        name = getattr(method, role, None) or method.name
         lines = [
             f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in flat(settings)
         ]

@@ -42,7 +42,7 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
 
 def method_id(method: Method, protocol: Mapping[str, Any]) -> str:
     """Return the protocol id that a method was computed under; without results, the folder's."""
-    return str(method.record.get("protocol_id") or protocol["id"])
+    return method.protocol_id or str(protocol["id"])
 
 
 def id_notes(methods: Iterable[Method], protocol: Mapping[str, Any]) -> list[str]:
@@ -60,7 +60,7 @@ def weights_notes(methods: Iterable[Method]) -> list[str]:
     """A note for all weights that rows with results use, with the rows."""
     users: dict[str, list[str]] = {}
     for method in methods:
-        for note in method.record.get("about", ()) if method.num_clips else ():
+        for note in method.about if method.num_clips else ():
             users.setdefault(note, []).append(method.label)
     return [f"{note} ({', '.join(labels)})." for note, labels in users.items()]
 

@@ -1,6 +1,7 @@
 """Score files: parquet with the scores of some clips of a method; a content hash in the file name.
 
-The metadata of a file says how its clips were scored; rows of step 0 hold facts of the clips.
+A file has a row per clip, sample, step and metric; rows of step 0 hold facts of the clips. Its
+metadata says how the clips were scored.
 """
 
 from __future__ import annotations
@@ -12,36 +13,37 @@ import itertools
 import json
 import os
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import duckdb
 import numpy as np
+from pydantic import TypeAdapter
+from pydantic.dataclasses import dataclass
 
-from geovp_benchmarks.results.rows import Categorical, Rows
-from geovp_classic.types import IntArray
-
-HASH_DIGITS = 16  # in a file name
+from geovp_benchmarks.results.scores import Scores
+from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
 
 
 @dataclass(frozen=True)
 class Part:
     """Clips of a method that were scored alike."""
 
-    clips: tuple[str, ...]
+    clips: list[str]
     fingerprint: str  # of the method and the protocol
-    metrics: Mapping[str, Any]  # the resolved metric behind each column
-    seconds: Mapping[str, float]  # per stage, summed over the clips
+    metrics: dict[str, Any]  # the resolved metric behind each column
+    seconds: dict[str, float]  # per stage, summed over the clips
     # the highest resident memory of the process while it predicted these clips; 0 where unknown
     peak_memory_mb: float
     peak_is_own: bool = False  # False: the peak of the whole process so far
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
-    # clip -> status, reason, traceback
-    failures: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    facts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # written, not read
+    failures: dict[str, list[str]] = field(default_factory=dict)  # status, reason, traceback
+    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # of clips; written, not read
     written_ns: int = 0  # set when it is written; the newest scores of a clip count
     method: str = ""  # the name of its folder
 
@@ -50,18 +52,13 @@ class Part:
         ratio = len(clips) / len(self.clips)
         return dataclasses.replace(
             self,
-            clips=tuple(clips),
+            clips=list(clips),
             seconds={stage: seconds * ratio for stage, seconds in self.seconds.items()},
             failures={clip: self.failures[clip] for clip in clips if clip in self.failures},
         )
 
 
-@dataclass(frozen=True)
-class Stored:
-    """The parts of each score file that count, and their clips in order."""
-
-    parts: Mapping[Path, Sequence[Part]]
-    clips: Sequence[str]
+Stored = Mapping[Path, Sequence[Part]]  # the parts of each score file
 
 
 class ScoreFiles:
@@ -69,7 +66,7 @@ class ScoreFiles:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._read: dict[Path, tuple[tuple[int, int], list[Part] | None]] = {}
+        self._opened: dict[Path, tuple[tuple[int, int], list[Part] | None]] = {}
 
     @cached_property
     def _database(self) -> duckdb.DuckDBPyConnection:
@@ -77,139 +74,165 @@ class ScoreFiles:
 
     def parts(self, method: str) -> dict[Path, list[Part] | None]:
         """Return the parts of a method by file; None for a damaged file."""
-        single = sorted((self.root / method / "scores").glob("part-*.parquet"))
-        shared = sorted((self.root / "scores").glob("part-*.parquet"))
-        self._open([*single, *shared])
-        stored = {path: self._read[path][1] for path in single}
-        for path in shared:
-            parts = self._read[path][1]
-            stored[path] = None if parts is None else [p for p in parts if p.method == method]
-        return stored
+        folders = (self.root / method / "scores", self.root / "scores")
+        paths = [path for folder in folders for path in sorted(folder.glob("part-*.parquet"))]
+        self._open(paths)
+        parts = {path: self._opened[path][1] for path in paths}
+        return {
+            path: None if stored is None else [part for part in stored if part.method == method]
+            for path, stored in parts.items()
+        }
 
-    def rows(self, stored: Stored) -> Rows:
-        """Return the scores of these parts, in the order of their clips."""
-        if not stored.clips:
-            return Rows.of()
-        source = self._source(stored)
-        query = f"SELECT metric FROM {source} WHERE step > 0 GROUP BY metric"
-        found = self._database.execute(f"{query} ORDER BY min(file_row_number)").fetchall()
-        metrics = [metric for (metric,) in found]
-        self._enumerate("metrics", metrics)
-        columns = self._database.execute(
-            "SELECT enum_code(clip::clips) AS clip, sample, step, "
-            f"enum_code(metric::metrics) AS metric, value FROM {source} WHERE step > 0"
-        ).fetchnumpy()
-        clip = columns["clip"].astype(np.int32)
-        value = np.ma.filled(columns["value"], np.nan)
-        rows = Rows(
-            Categorical.coded(stored.clips, clip),
-            columns["sample"],
-            columns["step"],
-            Categorical.coded(metrics, columns["metric"].astype(np.int32)),
-            value,
+    def means(
+        self, stored: Stored, clips: Sequence[str], num_steps: int | None = None
+    ) -> dict[str, FloatArray]:
+        """Return the means over all or the first steps [N, S] by metric; NaN: not defined."""
+        if not stored:
+            return {}
+        steps = "step > 0" if num_steps is None else f"step BETWEEN 1 AND {num_steps}"
+        columns = self._query(
+            "SELECT metric, number, sample, avg(value) AS value FROM {} "
+            f"WHERE {steps} GROUP BY ALL",
+            stored,
+            clips,
         )
-        if (clip[1:] >= clip[:-1]).all():
-            return rows
-        order: IntArray = np.argsort(clip, kind="stable")
-        return rows.where(order)
+        values = np.ma.filled(columns["value"], np.nan)
+        names, codes = np.unique(columns["metric"].astype(str), return_inverse=True)
+        num_samples = int(columns["sample"].max(initial=-1)) + 1
+        means = np.full((len(names), len(clips), num_samples), np.nan)
+        means[codes, columns["number"], columns["sample"]] = values
+        return dict(zip(names.tolist(), means, strict=True))
 
-    def facts(self, methods: Sequence[str]) -> dict[str, dict[str, float]]:
-        """Return the facts of the clips by name."""
-        paths = {path for name in methods for path, parts in self.parts(name).items() if parts}
+    def scores(self, stored: Stored, clips: Sequence[str]) -> Scores:
+        """Return all scores of these clips; raise BadData for a score that is stored twice."""
+        if not stored:
+            return Scores(clips, {})
+        names = self._query("SELECT DISTINCT metric FROM {} WHERE step > 0", stored, clips)
+        metrics = sorted(names["metric"].tolist())
+        columns = self._query(
+            "SELECT list_position($metrics, metric) - 1 AS metric, number, sample, step - 1 AS "
+            "step, value FROM {} WHERE step > 0",
+            stored,
+            clips,
+            metrics=metrics,
+        )
+        places = [columns[name] for name in ("metric", "number", "sample", "step")]
+        extents = [int(place.max(initial=-1)) + 1 for place in places[2:]]
+        shape = (len(metrics), len(clips), *extents)
+        if min((place.min(initial=0) for place in places), default=0) < 0:
+            raise BadData(f"{self.root} has scores of a negative sample: run again")
+        indices = np.ravel_multi_index(places, shape) if len(places[0]) else places[0]
+        if len(indices) and np.bincount(indices).max() > 1:
+            raise BadData(f"{next(iter(stored)).parent} has two scores of one frame: run again")
+        values = np.full(shape, np.nan)
+        values.ravel()[indices] = np.ma.filled(columns["value"], np.nan)
+        return Scores(clips, dict(zip(metrics, values, strict=True)))
+
+    def facts(self, paths: Sequence[Path]) -> dict[str, dict[str, float]]:
+        """Return the facts of the clips in some files by name."""
         facts: dict[str, dict[str, float]] = {}
         if paths:
-            query = f"SELECT clip, metric, value FROM {_files(sorted(paths))} WHERE step = 0"
+            query = f"SELECT clip, metric, value FROM {_relation(paths)} WHERE step = 0"
             for clip, name, value in self._database.execute(query).fetchall():
                 facts.setdefault(clip, {})[name] = value
         return facts
 
-    def write(self, method: str, rows: Rows, part: Part) -> None:
+    def write(self, method: str, scored: Sequence[tuple[Scores, Part]]) -> None:
         """Write a score file of a method; OSError without room."""
-        facts = [
-            (clip, 0, 0, name, value)
-            for clip, values in part.facts.items()
-            for name, value in values.items()
-        ]
-        if facts:
-            rows = Rows.concatenated([rows, Rows.of(*zip(*facts, strict=True))])
-        columns = {"clip": rows.clip.values(), "sample": rows.sample, "step": rows.step}
-        columns |= {"metric": rows.metric.values(), "value": rows.value}
+        rows = [row for scores, _ in scored for row in scores.rows()]
+        for _, part in scored:
+            rows += [
+                (clip, 0, 0, *fact) for clip in part.facts for fact in part.facts[clip].items()
+            ]
+        names = ("clip", "sample", "step", "metric", "value")
+        kinds = (object, np.int32, np.int32, object, np.float64)
+        columns = {
+            name: np.array([row[place] for row in rows], kind)
+            for place, (name, kind) in enumerate(zip(names, kinds, strict=True))
+        }
+        self._database.register("scores", columns)
         query = (
             f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, sample, step, "
             "metric::VARCHAR AS metric, if(isnan(value), NULL, value) AS value FROM scores"
         )
-        self._database.register("scores", columns)
-        part = dataclasses.replace(part, method=method, written_ns=time.time_ns())
-        self._copy(query, self.root / method / "scores", [part])
+        now = time.time_ns()
+        parts = [dataclasses.replace(part, method=method, written_ns=now) for _, part in scored]
+        self._copy(query, self.root / method / "scores", parts)
         self._database.unregister("scores")
 
-    def merge(self, method: str, stored: Stored, replaced: Sequence[Path]) -> None:
-        """Write the rows of these parts of a method into one file in place of others."""
-        source = self._source(stored)
+    def merge(self, method: str, stored: Stored, replaced: Iterable[Path]) -> None:
+        """Write the scores of these parts of a method into one file in place of others."""
+        clips = [clip for part in itertools.chain(*stored.values()) for clip in part.clips]
         query = (
-            f"SELECT method, clip, sample, step, metric, value FROM {source} "
-            "ORDER BY clip::clips, file_row_number"
+            f"SELECT method, clip, sample, step, metric, value FROM {self._wanted(stored, clips)} "
+            "ORDER BY number, metric, sample, step"
         )
-        merged = self._copy(query, self.root / method / "scores", _grouped(stored))
+        merged = self._copy(query, self.root / method / "scores", itertools.chain(*stored.values()))
         for path in replaced:
             if path != merged:
                 path.unlink(missing_ok=True)
 
-    def _open(self, paths: Sequence[Path]) -> None:
+    def _open(self, paths: Iterable[Path]) -> None:
         """Read what is new or has changed: check the hash in the name, then read the metadata."""
         sound = []
         for path in paths:
             status = path.stat()
             stamp = (status.st_mtime_ns, status.st_size)
-            if path in self._read and self._read[path][0] == stamp:
+            if path in self._opened and self._opened[path][0] == stamp:
                 continue
-            self._read[path] = (stamp, None)
+            self._opened[path] = (stamp, None)
             if path.stem == f"part-{_digest(path)}":
                 sound.append(path)
         if sound:
-            names = ", ".join(f"'{_quoted(path)}'" for path in sound)
-            query = f"SELECT file_name, value FROM parquet_kv_metadata([{names}])"
+            query = f"SELECT file_name, value FROM parquet_kv_metadata({_listed(sound)})"
             for name, value in self._database.execute(f"{query} WHERE key = 'geovp'").fetchall():
-                records = json.loads(value)
-                parts = [Part(**{**record, "clips": tuple(record["clips"])}) for record in records]
-                self._read[Path(name)] = (self._read[Path(name)][0], parts)
+                parts = TypeAdapter(list[Part]).validate_json(value)
+                self._opened[Path(name)] = (self._opened[Path(name)][0], parts)
 
-    def _source(self, stored: Stored) -> str:
-        """Return the relation of the rows of these parts; `clips` becomes the type of its clips."""
-        self._enumerate("clips", stored.clips)
-        files = _files([*stored.parts])
-        num_stored = sum(
-            len(part.clips) for path in stored.parts for part in self._read[path][1] or ()
-        )
-        if num_stored == len(stored.clips):  # all that is in the files
-            return files
+    def _query(
+        self, query: str, stored: Stored, clips: Sequence[str], **parameters: Any
+    ) -> dict[str, Any]:
+        """Return the columns of a query on the rows of some clips with their `number`."""
+        source = self._wanted(stored, clips)
+        rows = self._database.execute(query.format(source), parameters or None)
+        columns: dict[str, Any] = rows.fetchnumpy()
+        return columns
+
+    def _wanted(self, stored: Stored, clips: Sequence[str]) -> str:
+        """Return the relation of the rows of some clips with the `number` of each clip."""
+        numbers = {clip: number for number, clip in enumerate(clips)}
         entries = [
-            (str(path), part.method, clip)
-            for path, parts in stored.parts.items()
+            (str(path), part.method, clip, numbers[clip])
+            for path, parts in stored.items()
             for part in parts
             for clip in part.clips
+            if clip in numbers
         ]
-        paths, methods, clips = (np.array(column, object) for column in zip(*entries, strict=True))
-        self._database.register("wanted", {"filename": paths, "method": methods, "clip": clips})
-        return f"{files} SEMI JOIN wanted USING (filename, method, clip)"
+        columns = [np.array(column, object) for column in zip(*entries, strict=True)]
+        names = ("filename", "method", "clip", "number")
+        self._database.register("entries", dict(zip(names, columns, strict=True)))
+        self._database.execute(
+            "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
+            "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
+            "FROM entries"
+        )
+        return f"{_relation(stored)} JOIN wanted USING (filename, method, clip)"
 
-    def _enumerate(self, kind: str, names: Sequence[str]) -> None:
-        numbered = {"name": np.array(names, object), "number": np.arange(len(names))}
-        self._database.register("numbered", numbered)
-        self._database.execute(f"DROP TYPE IF EXISTS {kind}")
-        ordered = "SELECT name::VARCHAR FROM numbered ORDER BY number"
-        self._database.execute(f"CREATE TYPE {kind} AS ENUM ({ordered})")
-
-    def _copy(self, query: str, folder: Path, parts: Sequence[Part]) -> Path:
-        records = [dataclasses.asdict(dataclasses.replace(part, facts={})) for part in parts]
-        about = _quoted(json.dumps(records))
+    def _copy(self, query: str, folder: Path, parts: Iterable[Part]) -> Path:
+        """Write the rows of a query into a new score file with its parts as metadata."""
+        groups: dict[str, list[Part]] = {}
+        for part in parts:
+            alike = [part.method, part.fingerprint, part.metrics, part.code, part.peak_is_own]
+            groups.setdefault(json.dumps(alike, sort_keys=True), []).append(part)
+        joint = [dataclasses.replace(joined(group), facts={}) for group in groups.values()]
+        records = [dataclasses.asdict(part) for part in joint]
+        about = json.dumps(records)
         folder.mkdir(parents=True, exist_ok=True)
-        name = hashlib.sha256(about.encode()).hexdigest()[:HASH_DIGITS]
-        scratch = folder / f".{name}.{os.getpid()}.part"
+        scratch = folder / f".{hashlib.sha256(about.encode()).hexdigest()[:16]}.{os.getpid()}.part"
         try:
             self._database.execute(
                 f"COPY ({query}) TO '{_quoted(scratch)}' "
-                f"(FORMAT parquet, USE_TMP_FILE false, KV_METADATA {{geovp: '{about}'}})"
+                f"(FORMAT parquet, USE_TMP_FILE false, KV_METADATA {{geovp: '{_quoted(about)}'}})"
             )
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)
@@ -222,53 +245,53 @@ class ScoreFiles:
         return path
 
 
-def newest(stored: Mapping[Path, Sequence[Part]], order: Sequence[str] | None) -> Stored:
-    """Return the newest parts of each clip; `order` names the clips, None means all."""
+def newest(stored: Stored, clips: Sequence[str] | None) -> dict[Path, list[Part]]:
+    """Return the newest parts of each clip by file, restricted to some clips."""
     latest: dict[str, Part] = {}
     for part in sorted(itertools.chain(*stored.values()), key=lambda part: part.written_ns):
-        for clip in part.clips:
-            latest[clip] = part
-    clips = [*latest] if order is None else [clip for clip in order if clip in latest]
+        latest |= dict.fromkeys(part.clips, part)
     by_part: dict[int, list[str]] = {}
-    for clip in clips:
+    for clip in latest if clips is None else [clip for clip in clips if clip in latest]:
         by_part.setdefault(id(latest[clip]), []).append(clip)
-    kept = {
+    selected = {
         path: [part.only(by_part[id(part)]) for part in parts if id(part) in by_part]
         for path, parts in stored.items()
     }
-    return Stored({path: parts for path, parts in kept.items() if parts}, clips)
+    return {path: parts for path, parts in selected.items() if parts}
 
 
-def _grouped(stored: Stored) -> list[Part]:
-    """Return one part for all that were scored alike."""
-    groups: dict[str, list[Part]] = {}
-    for part in itertools.chain(*stored.parts.values()):
-        alike = [part.method, part.fingerprint, part.metrics, part.code, part.peak_is_own]
-        groups.setdefault(json.dumps(alike, sort_keys=True), []).append(part)
-    return [
-        dataclasses.replace(
-            parts[0],
-            clips=tuple(clip for part in parts for clip in part.clips),
-            seconds={
-                stage: sum(part.seconds.get(stage, 0.0) for part in parts)
-                for stage in dict.fromkeys(stage for part in parts for stage in part.seconds)
-            },
-            peak_memory_mb=max(part.peak_memory_mb for part in parts),
-            failures={clip: why for part in parts for clip, why in part.failures.items()},
-            written_ns=max(part.written_ns for part in parts),
-        )
-        for parts in groups.values()
-    ]
+def joined(parts: Sequence[Part]) -> Part:
+    """Return one part for clips that were scored alike."""
+    seconds: Counter[str] = Counter()
+    for part in parts:
+        seconds.update(part.seconds)
+    return dataclasses.replace(
+        parts[0],
+        clips=[clip for part in parts for clip in part.clips],
+        seconds=dict(seconds),
+        peak_memory_mb=max(part.peak_memory_mb for part in parts),
+        peak_is_own=all(part.peak_is_own for part in parts),
+        failures={clip: failure for part in parts for clip, failure in part.failures.items()},
+        facts={clip: facts for part in parts for clip, facts in part.facts.items()},
+        written_ns=max(part.written_ns for part in parts),
+    )
 
 
-def _files(paths: Sequence[Path]) -> str:
+def _relation(paths: Iterable[Path]) -> str:
+    """Return the SQL relation of all rows of some files."""
+    return f"read_parquet({_listed(paths)}, filename = true)"
+
+
+def _listed(paths: Iterable[Path]) -> str:
+    """Return paths as a list in SQL."""
     names = ", ".join(f"'{_quoted(path)}'" for path in paths)
-    return f"read_parquet([{names}], filename = true, file_row_number = true)"
+    return f"[{names}]"
 
 
 def _digest(path: Path) -> str:
+    """Return the first digits of the SHA-256 of a file."""
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:HASH_DIGITS]
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 def _quoted(text: object) -> str:

@@ -6,7 +6,7 @@ loses nothing.
     depths where known
     <root>/<method>/method.json             components, privileged inputs, status, seconds per
     stage, peak memory; see Method
-    <root>/<method>/scores/part-<hash>.parquet  one row per clip, sample, step and metric; see Rows
+    <root>/<method>/scores/part-<hash>.parquet  one row per clip, sample, step and metric
     <root>/<method>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         methods and clips of other settings, which come back with
     these
@@ -32,23 +32,19 @@ from urllib.parse import quote, unquote
 import duckdb
 from filelock import FileLock, Timeout
 
-from geovp_benchmarks.results import kept_files, record_files
-from geovp_benchmarks.results.record_files import Method
-from geovp_benchmarks.results.rows import Rows
+from geovp_benchmarks.results import kept_files, records
+from geovp_benchmarks.results.records import Method
 from geovp_benchmarks.results.score_files import Part, ScoreFiles, Stored, newest
+from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Prediction
+from geovp_classic.types import Clip, FloatArray, Prediction
 
-__all__ = ["EARLIER", "NOT_METHODS", "Method", "Part", "Results", "Rows", "check_clip_name"]
+__all__ = ["NOT_METHODS", "Method", "Part", "Results", "Scores", "check_clip_name"]
 
 EARLIER = "earlier"
-MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
 NOT_METHODS = ("clips", "scores", "tables", "plots", "recordings", EARLIER)
-
-
-MAX_TRIES = 5  # to read files that a run is merging
 T = TypeVar("T")
 
 
@@ -57,36 +53,38 @@ class Results:
     """A results folder, read and written."""
 
     root: Path
+    subset: frozenset[str] | None = None  # of the clips, all that is read of them; None: all
+    label: str = ""  # of the subset, for people
 
     # Reading
 
     def protocol(self) -> dict[str, Any]:
-        """What all methods share: name, dataset, clips (names, in order), num_past, num_future,
-        size_px, stride, metrics.
-
-        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better (null:
-        neither), bounds [low, high] (null: none), unavailable: why or null}; a stored row's metric
-        is such a name, or one with a pixel set behind it: "psnr@covered".
-        """
-        if "" not in (apart := self.by_dataset()):
+        """Return what all methods share; see records.Protocol."""
+        if "" not in (labelled := self.by_dataset()):
             raise BadData(
-                f"{self.root} holds several data sets: give one, such as {self.root / min(apart)}"
+                f"{self.root} holds several data sets: give one, such as "
+                f"{self.root / min(labelled)}"
             )
-        return record_files.protocol(self.root / "protocol.json")
+        protocol = records.read_protocol(self.root / "protocol.json")
+        if self.subset is not None:
+            clips = [clip for clip in protocol["clips"] if clip in self.subset]
+            name = f"{protocol['name']}, {self.label} (n = {len(clips)})"
+            protocol |= {"name": name, "clips": clips}
+        return protocol
 
     def by_dataset(self) -> dict[str, Results]:
-        """The results of each data set by its label; of one alone, these with the label ""."""
+        """Return the results of each data set by its label; of a single one by the label ""."""
         path = self.root / "datasets.json"
-        labels = record_files.labels(path) if path.exists() else []
+        labels = records.read_labels(path) if path.exists() else []
         return {label: Results(self.root / label) for label in labels} or {"": self}
 
     @property
     def begun(self) -> bool:
-        """Whether a protocol was written."""
+        """Return whether a protocol was written."""
         return (self.root / "protocol.json").exists()
 
     def methods(self) -> list[Method]:
-        """All methods that have been begun, in the order of the matrix file."""
+        """Return all methods that have been begun, in the order of the matrix file."""
         return [
             method
             for name in self.protocol()["methods"]
@@ -94,30 +92,42 @@ class Results:
         ]
 
     def method(self, name: str) -> Method | None:
-        """One method, None when it has not been begun."""
+        """Return a method; None if it has not been begun."""
         path = self.root / name / "method.json"
-        return record_files.method(path) if path.exists() else None
+        if not path.exists():
+            return None
+        method = records.read_method(path)
+        if self.subset is not None:
+            num_clips = sum(len(part.clips) for part in self.parts(name))
+            counts = {"num_clips": num_clips, "num_failed": len(self.failures(name))}
+            method = method.model_copy(update=counts)
+        return method
 
     @cached_property
     def score_files(self) -> ScoreFiles:
-        """The score files of all methods, opened once."""
+        """Return the score files of all methods, opened once."""
         return ScoreFiles(self.root)
 
-    def scores(self, method: str) -> Rows:
-        """The rows of one method; BadData when a score file is damaged."""
-        return self._reread(lambda: self._scores(method))
+    def scores(self, method: str) -> Scores:
+        """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
 
-    def _scores(self, method: str) -> Rows:
-        if damaged := self.damaged_parts(method):
-            raise BadData(
-                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
-            )
-        return self.score_files.rows(self._stored(method))
+        def read() -> Scores:
+            stored = self._sound(method)
+            return self.score_files.scores(stored, self._clips(stored))
+
+        return self._reread(read)
+
+    def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
+        """Return means over all or the first steps [N, S] by metric, in the protocol's order."""
+
+        def read() -> dict[str, FloatArray]:
+            stored = self._sound(method)
+            return self.score_files.means(stored, self._clips(stored), num_steps)
+
+        return self._reread(read)
 
     def failures(self, method: str) -> dict[str, str]:
-        """Why clips could not be predicted, by the clip's name; their rows are those of a copy of
-        the last frame.
-        """
+        """Return why clips could not be predicted; they are scored as copies of the last frame."""
         return {
             clip: reason
             for part in self.parts(method)
@@ -125,76 +135,91 @@ class Results:
         }
 
     def clip_facts(self) -> dict[str, dict[str, float]]:
-        """What is known of the clips themselves: numbers by name, by clip."""
-        names = [method.name for method in self.methods()]
-        return self._reread(lambda: self.score_files.facts(names))
+        """Return numbers that are known of the clips themselves, by clip and name."""
+
+        def read() -> dict[str, dict[str, float]]:
+            protocol = self.protocol()
+            paths = [path for name in protocol["methods"] for path in self._stored(name)]
+            facts = self.score_files.facts(paths)
+            return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
+
+        return self._reread(read)
 
     def predictions(self, method: str) -> list[tuple[str, Path]]:
-        """(clip name, file) of the predictions that were kept of one method."""
+        """Return (clip name, file) of the kept predictions of a method."""
         return _named(self.root / method / "predictions")
 
     def prediction(self, method: str, clip: str) -> Prediction:
-        """One kept prediction: frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or
-        None.
-        """
-        return kept_files.read_prediction(self.root / method / "predictions" / _file(clip))
+        """Return a kept prediction."""
+        return kept_files.read(self.root / method / "predictions" / _file(clip), Prediction)
 
     def clips(self) -> list[tuple[str, Path]]:
-        """(clip name, file) of the clips that were kept."""
+        """Return (clip name, file) of the kept clips."""
         return _named(self.root / "clips")
 
     def clip(self, name: str) -> Clip:
-        """One kept clip, past and future: frames, camera, trajectory, depths, moving; never wide or
-        right frames.
-        """
-        return kept_files.read_clip(self.root / "clips" / _file(name), name)
+        """Return a kept clip, past and future, without full and right frames."""
+        return kept_files.read(self.root / "clips" / _file(name), Clip)
 
     def parts(self, method: str) -> list[Part]:
-        """How the clips of the method as it is now were scored; a damaged file counts as absent."""
+        """Return how the clips of the method as it is now were scored; without damaged files."""
         stored = self._reread(lambda: self._stored(method))
-        return [part for parts in stored.parts.values() for part in parts]
+        return [part for parts in stored.values() for part in parts]
 
     def damaged_parts(self, method: str) -> list[Path]:
-        """The score files that are not as they were written."""
+        """Return the score files that are not as they were written."""
         stored = self._reread(lambda: self.score_files.parts(method))
         return [path for path, parts in stored.items() if parts is None]
 
-    def _stored(self, method: str, *, only_wanted: bool = True) -> Stored:
-        """The newest scores of the protocol's clips; without a protocol, of all clips."""
-        now, clips = self.method(method), None
-        if only_wanted and self.begun:
-            clips = record_files.protocol(self.root / "protocol.json").get("clips")
-        fingerprint = None if now is None else now.fingerprint
+    def _sound(self, method: str) -> dict[Path, list[Part]]:
+        """Return the parts that count; raise BadData if a file of the method is damaged."""
+        if damaged := self.damaged_parts(method):
+            raise BadData(
+                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
+            )
+        return self._stored(method)
+
+    def _stored(self, method: str, *, only_wanted: bool = True) -> dict[Path, list[Part]]:
+        """Return the newest parts by file, of the protocol's or of all clips."""
+        path = self.root / method / "method.json"
+        fingerprint = records.read_method(path).fingerprint if path.exists() else None
         fitting = {
             path: [part for part in parts or () if part.fingerprint == fingerprint]
             for path, parts in self.score_files.parts(method).items()
         }
-        return newest(fitting, clips)
+        return newest(fitting, self.protocol()["clips"] if only_wanted and self.begun else None)
 
-    def _reread(self, read: Callable[[], T]) -> T:
+    def _clips(self, stored: Stored) -> list[str]:
+        """Return the clips of the protocol; without one, those with scores."""
+        if self.begun:
+            clips: list[str] = self.protocol()["clips"]
+            return clips
+        return [clip for parts in stored.values() for part in parts for clip in part.clips]
+
+    def _reread(self, read: Callable[[], T], max_tries: int = 5) -> T:
         """Return what is read, again where a run has merged files meanwhile."""
-        for _ in range(MAX_TRIES - 1):
+        for _ in range(max_tries - 1):
             with suppress(FileNotFoundError, duckdb.IOException):
                 return read()
         return read()
 
     @property
     def tables(self) -> Path:
-        """The folder of written tables."""
+        """Return the folder of written tables."""
         return self.root / "tables"
 
     @property
     def plots(self) -> Path:
-        """The folder of figures."""
+        """Return the folder of figures."""
         return self.root / "plots"
 
     @property
     def report(self) -> Path:
-        """The one-page report."""
+        """Return the file of the one-page report."""
         return self.root / "report.html"
 
     def recording(self, clip: str) -> Path:
-        """The Rerun recording of a kept clip."""
+        """Return the file of the Rerun recording of a kept clip."""
         return self.root / "recordings" / f"{_file(clip).removesuffix('.npz')}.rrd"
 
     # Writing
@@ -211,12 +236,16 @@ class Results:
         write_bytes(self.root / "protocol.json", files.json_bytes(protocol))
 
     def write_method(self, name: str, record: Mapping[str, Any]) -> None:
-        """Write a method's method.json."""
+        """Write the method.json of a method."""
         write_bytes(self.root / name / "method.json", files.json_bytes(record))
 
-    def write_part(self, method: str, rows: Rows, part: Part) -> None:
-        """Write all rows of the part's clips at once."""
-        self.score_files.write(method, rows, part)
+    def write_part(self, method: str, scores: Scores, part: Part) -> None:
+        """Write all scores of the clips of a part."""
+        self.score_files.write(method, [(scores, part)])
+
+    def write_parts(self, method: str, scored: Sequence[tuple[Scores, Part]]) -> None:
+        """Write the scores of several parts into one file."""
+        self.score_files.write(method, scored)
 
     def merge(self, method: str) -> None:
         """Merge the score files of a method into one; scores of clips no longer wanted stay."""
@@ -224,71 +253,58 @@ class Results:
             # A file that another run writes from here on is not removed.
             stored = self.score_files.parts(method)
             folder = self.root / method / "scores"  # a file that methods share stays
-            sound = [
-                path
-                for path, parts in stored.items()
-                if parts is not None and path.parent == folder
-            ]
+            sound = [p for p, parts in stored.items() if parts is not None and p.parent == folder]
             if len(sound) > 1:
-                self.score_files.merge(method, self._stored(method, only_wanted=False), sound)
+                newest_parts = self._stored(method, only_wanted=False)
+                self.score_files.merge(method, newest_parts, sound)
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
-        kept_files.write_prediction(self.root / method / "predictions" / _file(clip), prediction)
+        kept_files.write(self.root / method / "predictions" / _file(clip), prediction)
 
     def write_clip(self, clip: Clip) -> None:
         """Keep a clip, so that images and new scores need no data set."""
-        kept_files.write_clip(self.root / "clips" / _file(clip.name), clip)
+        kept_files.write(self.root / "clips" / _file(clip.name), clip)
 
     def swap(self, name: str, before: str, now: str) -> None:
-        """Set a method or the kept clips of one fingerprint aside, and bring those of another back
-        if there are any.
-        """
-        current, aside, kept = (
-            self.root / name,
-            self._earlier(before) / name,
-            self._earlier(now) / name,
-        )
+        """Set a method or the kept clips of a fingerprint aside; bring back those of another."""
+        current = self.root / name
+        aside, earlier = (self._earlier(each) / name for each in (before, now))
         if not any(path.suffix in (".parquet", ".npz") for path in current.rglob("*")):
             shutil.rmtree(current, ignore_errors=True)
         if current.exists():
             shutil.rmtree(aside, ignore_errors=True)
             aside.parent.mkdir(parents=True, exist_ok=True)
             current.rename(aside)
-        if kept.exists():
-            kept.rename(current)
+        if earlier.exists():
+            earlier.rename(current)
 
     def with_rows_of(self, method: str, fingerprint: str) -> Results:
-        """The folder that holds a method's rows of a fingerprint: this one, or that of earlier
-        settings.
-        """
+        """Return the folder with the scores of a fingerprint: this or an earlier one."""
         now = self.method(method)
         return (
             self if now and now.fingerprint == fingerprint else Results(self._earlier(fingerprint))
         )
 
     def with_clips_of(self, fingerprint: str) -> Results:
-        """The folder that holds the kept clips of a protocol's fingerprint: this one, or that of
-        earlier settings.
-        """
+        """Return the folder with the kept clips of a protocol's fingerprint."""
         is_now = self.begun and self.protocol()["fingerprint"] == fingerprint
         return self if is_now else Results(self._earlier(fingerprint))
 
     def size_bytes(self, method: str, folder: str) -> int:
-        """What the files of a method take in its folder `scores` or `predictions`."""
+        """Return the size of a method's folder `scores` or `predictions`."""
         return sum(path.stat().st_size for path in (self.root / method / folder).glob("*"))
 
     def set_aside(self) -> set[Path]:
-        """What is kept of other settings."""
+        """Return what is kept of other settings."""
         return set((self.root / EARLIER).glob("*/*"))
 
     def _earlier(self, fingerprint: str) -> Path:
+        """Return the folder of a fingerprint that was set aside."""
         return self.root / EARLIER / (fingerprint[:16] or "unknown")
 
     def set_damaged_aside(self, method: str | None) -> list[Path]:
-        """Rename a method's damaged parts and predictions, or of None the damaged clips: they are
-        computed again.
-        """
+        """Rename damaged score files and predictions of a method, or of None damaged clips."""
         kept = self.clips() if method is None else self.predictions(method)
         parts = [] if method is None else self.damaged_parts(method)
         damaged = [*parts, *(path for _, path in kept if not kept_files.is_whole(path))]
@@ -302,22 +318,24 @@ class Results:
 
 
 def _file(clip: str) -> str:
-    """A file name from which the clip's name can be recovered."""
+    """Return a file name from which the clip's name can be recovered."""
     return quote(clip, safe="+@=, ") + ".npz"
 
 
 def check_clip_name(clip: str) -> None:
-    """BadData for a name of a clip that its kept files cannot have."""
+    """Raise BadData for a name of a clip that its kept files cannot have."""
     files.check_name(clip, "the clip")
-    if len(_file(clip)) > MAX_NAME_BYTES:
+    max_bytes = 230  # of 255 that file systems allow: scratch files have longer names
+    if len(_file(clip)) > max_bytes:
         size = (
             f"{len(_file(clip))} bytes as a file's name, where letters beyond English count 3 to 12"
         )
         raise BadData(
             f"the clip {clip[:40]!r}... takes {size}: give its sequence a name of "
-            f"{MAX_NAME_BYTES} at most"
+            f"{max_bytes} at most"
         )
 
 
 def _named(folder: Path) -> list[tuple[str, Path]]:
+    """Return (clip name, file) of the npz files of a folder."""
     return [(unquote(path.stem), path) for path in sorted(folder.glob("[!.]*.npz"))]

@@ -3,11 +3,11 @@
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
-from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.results.store import Method, Part, Results
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.run import totals, write
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
-from geovp_benchmarks.running.task import Scores
+from geovp_benchmarks.running.task import Scored
 from geovp_classic.errors import BadData
 
 
@@ -53,7 +53,7 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     output.remove_method(name)
     failures = results.failures(name)
     predicted = {clip for clip, _ in results.predictions(name)}
-    scores = []
+    scored: list[Scored] = []
     for clip_name in protocol["clips"]:
         if clip_name not in predicted:
             continue
@@ -63,16 +63,16 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
         output.write_prediction(name, clip_name, prediction)
         usage = Usage()
         with usage.measure("metrics"):
-            rows = score(clip, prediction, metrics)
-        usage.peak_mb = 0.0  # nothing was predicted
-        failure = ("failed", failures[clip_name], "") if clip_name in failures else ()
-        scores.append(
-            Scores(name, clip_name, method.fingerprint, rows, usage, clip.facts, {}, "", failure)
-        )
+            scores = score(clip, prediction, metrics)
+        part = Part([clip_name], method.fingerprint, {}, dict(usage.seconds), 0.0)
+        part.facts[clip_name] = dict(clip.facts)
+        if clip_name in failures:
+            part.failures[clip_name] = ["failed", failures[clip_name], ""]
+        scored.append((name, scores, part))
     status = method.status
     if status in ("done", "partial"):
-        status = "done" if len(scores) == len(protocol["clips"]) else "partial"
+        status = "done" if len(scored) == len(protocol["clips"]) else "partial"
     record = {**method.record, "status": status, "protocol_id": protocol["id"]}
     output.write_method(name, record)
-    write(output, scores)
+    write(output, scored)
     output.write_method(name, record | totals(output.parts(name), ""))

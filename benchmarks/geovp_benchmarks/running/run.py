@@ -9,13 +9,13 @@ from typing import Any
 
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import Progress, announce
-from geovp_benchmarks.results.store import Method, Part, Results, Rows
+from geovp_benchmarks.results.store import Method, Part, Results
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.locking import results_lock
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.selection import rank
-from geovp_benchmarks.running.task import Scores, score_clip
+from geovp_benchmarks.running.task import Scored, score_clip
 
 logger = logging.getLogger(__name__)
 
@@ -47,14 +47,14 @@ def compute_missing(
     num_done = 0
     progress(num_done, num_missing)
     announce("first prediction: reading a clip, loading or compiling code")
-    batch: list[Scores] = []
+    batch: list[Scored] = []
     written_s = 0.0
     try:
         for results in completed(executor, score_clip, plan.tasks(missing), interval_s):
-            for scores in results:
-                batch += scores
-                num_done += len(scores)
-                clip = scores[0].clip
+            for scored in results:
+                batch += scored
+                num_done += len(scored)
+                clip = scored[0][2].clips[0]
                 announce(f"after {clip}")  # other processes do not announce their steps
                 logger.info("clip %s: done", clip)
             progress(num_done, num_missing)
@@ -87,7 +87,7 @@ def begin(plan: Plan) -> None:
     for method, record in plan.records.items():
         stored = results.method(method.name)
         asked = ("asked", "num_samples", "protocol")
-        is_same = stored and all(stored.record.get(key) == record[key] for key in asked)
+        is_same = stored and all(getattr(stored, key) == record[key] for key in asked)
         if stored and stored.num_clips and is_same and not record["fingerprint"]:
             continue  # computed on a machine that could build it
         fingerprint = stored.fingerprint if stored else ""
@@ -96,27 +96,13 @@ def begin(plan: Plan) -> None:
         results.write_method(method.name, record | totals([], ""))
 
 
-def write(results: Results, scores: Iterable[Scores]) -> None:
-    """Write scores, in one file for all clips of a method that were scored alike."""
-    batches = defaultdict(list)
-    for each in scores:
-        batches[each.method, each.code, str(each.metrics)].append(each)
-    for (method, *_), batch in batches.items():
-        usage = Usage()
-        for each in batch:
-            usage.add(each.usage)
-        part = Part(
-            clips=tuple(each.clip for each in batch),
-            fingerprint=batch[0].fingerprint,
-            metrics=batch[0].metrics,
-            seconds=dict(usage.seconds),
-            peak_memory_mb=usage.peak_mb,
-            peak_is_own=usage.peak_mb > 0,
-            code=batch[0].code,
-            failures={each.clip: each.failure for each in batch if each.failure},
-            facts={each.clip: each.facts for each in batch},
-        )
-        results.write_part(method, Rows.concatenated([each.rows for each in batch]), part)
+def write(results: Results, batch: Iterable[Scored]) -> None:
+    """Write scores, in one file per method."""
+    by_method = defaultdict(list)
+    for method, scores, part in batch:
+        by_method[method].append((scores, part))
+    for method, scored in by_method.items():
+        results.write_parts(method, scored)
 
 
 def finish(plan: Plan, method: MethodPlan) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from geovp_benchmarks.matrix.components import Failure, build
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
-from geovp_benchmarks.results.store import Rows
+from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.results.stored_facts import stored_bounds
 from geovp_benchmarks.running.profiling import release_free_memory
 from geovp_classic import registry
@@ -146,8 +146,8 @@ class ScoredClip:
         return metric.over(predicted, target, masks)
 
 
-def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
-    """Return the scores by sample, metric and step; raise BadData for another size or number."""
+def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
+    """Return the scores of a prediction; raise BadData for another size or number."""
     num_samples = len(prediction.frames)
     expected = (num_samples, *clip.truth[1].frames.shape)
     if prediction.frames.shape != expected:
@@ -161,7 +161,7 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
             f"{num_futures} predicted futures for {num_samples} samples, expected one each or one "
             "for all"
         )
-    rows: list[tuple[str, int, int, str, float]] = []
+    samples: dict[str, list[FloatArray]] = {}
     for sample in range(num_samples):
         if sample % 5 == 4:  # 100 samples of 256x256 took 1.2 GB more without this, with LPIPS
             release_free_memory()
@@ -170,10 +170,9 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Rows:
             _motion_values(clip, prediction, sample, metrics),
         )
         for name, values in columns:
-            rows += [
-                (clip.clip.name, sample, step, name, value) for step, value in enumerate(values, 1)
-            ]
-    return Rows.of(*zip(*rows, strict=True))
+            samples.setdefault(name, []).append(values)
+    stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
+    return Scores([clip.clip.name], stacked)
 
 
 def _frame_values(

@@ -59,10 +59,10 @@ def rank(keep: str, results: Results, num_clips: int = 3) -> Selection:
     protocol = results.protocol()
     methods = [method for method in results.methods() if method.status == "done"]
     for method in sorted(methods, key=lambda method: method.kind != "geometric"):
-        cube = statistics.cube(results.scores(method.name), metric)
-        means = statistics.over_steps(statistics.mean_of_samples(cube, None))
+        samples = results.means(method.name).get(metric, np.empty((0, 1)))
         failed = results.failures(method.name)
-        pairs = zip(cube.clips, means.tolist(), strict=True)
+        means = statistics.over_steps(samples).tolist()  # over samples
+        pairs = zip(protocol["clips"], means, strict=False)
         scores = {clip: mean for clip, mean in pairs if clip not in failed and math.isfinite(mean)}
         if scores:
             break

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import operator
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 from geovp_benchmarks.matrix.components import Failure, build, code_hash, on_device
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import announce
-from geovp_benchmarks.results.store import Results, Rows
+from geovp_benchmarks.results.store import Part, Results, Scores
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
@@ -21,20 +21,7 @@ from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
 
-
-@dataclass(frozen=True)
-class Scores:
-    """Scores of a method on a clip."""
-
-    method: str
-    clip: str
-    fingerprint: str  # of the method and the protocol
-    rows: Rows
-    usage: Usage
-    facts: Mapping[str, float]  # of the clip
-    metrics: Mapping[str, Any]  # resolved settings by column
-    code: str = ""  # hash of the sources
-    failure: Sequence[str] = ()  # status, reason and traceback of a prediction that failed
+Scored = tuple[str, Scores, Part]  # and the name of the method
 
 
 @dataclass(frozen=True)
@@ -120,7 +107,7 @@ class Task:
     is_kept: bool = False  # whether the clip and its predictions are stored
 
 
-def score_clip(task: Task) -> list[Scores]:
+def score_clip(task: Task) -> list[Scored]:
     """Predict and score a clip with each method; only a kept clip and its predictions are written.
 
     A copy of the last frame replaces a prediction that fails.
@@ -130,29 +117,39 @@ def score_clip(task: Task) -> list[Scores]:
     if task.is_kept:
         results.write_clip(clip.clip)
     shared = SharedSteps()
-    scores = []
+    scored = []
     for method, fingerprint in task.fingerprints.items():
         announce(f"{task.clip}, {method.label}")
         components = built.components_of(method)
         context, _ = clip.clip.split(clip.num_past, needs_of(components.values()))
         usage, scoring = Usage(), Usage()  # the peak of scoring is the same for all methods
-        failure: Sequence[str] = ()
+        failures = {}
         try:
             prediction = _predict(components, method, context, clip, shared, usage)
             with scoring.measure("metrics"):
-                rows = score(clip, prediction, built.metrics)
+                scores = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
-            failure = dataclasses.astuple(Failure.of(error))
-            prediction, rows = CopyLast().predict(context), Rows.of()
+            failures[task.clip] = list(dataclasses.astuple(Failure.of(error)))
+            prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
             with suppress(Exception), scoring.measure("metrics"):
-                rows = score(clip, prediction, built.metrics)
+                scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.write_prediction(method.name, task.clip, prediction)
         usage.add(Usage(scoring.seconds))
-        about = clip.facts, built.metrics.described, built.code(method), failure
-        scores.append(Scores(method.name, task.clip, fingerprint, rows, usage, *about))
+        part = Part(
+            clips=[task.clip],
+            fingerprint=fingerprint,
+            metrics=built.metrics.described,
+            seconds=dict(usage.seconds),
+            peak_memory_mb=usage.peak_mb,
+            peak_is_own=usage.peak_mb > 0,
+            code=built.code(method),
+            failures=failures,
+            facts={task.clip: dict(clip.facts)},
+        )
+        scored.append((method.name, scores, part))
         announce(f"{task.clip}, {method.label}", done=1)
-    return scores
+    return scored
 
 
 def _predict(

@@ -51,7 +51,7 @@ def _facts(results: Results, method: Method) -> dict[str, Any]:
         "samples": method.num_samples,
         "privileged inputs": method.privileged_inputs,
         "components": method.components,
-        "weights": method.record.get("about", []),
+        "weights": method.about,
         "code": sorted({part.code for part in parts}),
         "metrics": {name: spec for part in parts for name, spec in part.metrics.items()},
         "failures, scored as copies of the last frame": results.failures(method.name),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Part, Results, Rows
+from geovp_benchmarks.results.store import Part, Results, Scores
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores
 
@@ -91,7 +91,7 @@ def record(name: str) -> dict[str, Any]:
     return facts
 
 
-def rows(name: str) -> Rows:
+def rows(name: str) -> Scores:
     """PSNR is 20 + clip + sample - step for every method: its mean over three clips is 21 - step with
     one sample.
     """
@@ -152,7 +152,7 @@ def fill(root: Path) -> Path:
     for name, (_, _, status, _, _, _) in METHODS.items():
         results.write_method(name, record(name))
         if status in ("done", "partial"):
-            results.write_part(name, rows(name), Part(CLIPS, "f", {}, {}, 1.0))
+            results.write_part(name, rows(name), Part([*CLIPS], "f", {}, {}, 1.0))
             keep(results, name)
     return root
 
