@@ -93,4 +93,5 @@ def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> Non
     assert method is not None
     assert method.components == {"predictor": {"name": "grey", "level": 13}}
     # the real frames of steps 3 and 4 have the grey levels 3 and 4
-    assert Results(tmp_path / "out").scores("dark").value.tolist() == [10.0, 9.0]
+    (values,) = Results(tmp_path / "out").scores("dark").values.values()
+    assert values.ravel().tolist() == [10.0, 9.0]

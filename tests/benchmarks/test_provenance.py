@@ -58,7 +58,7 @@ def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
 
 
 def method(label: str, **record: Any) -> Method:
-    facts = {
+    facts: dict[str, Any] = {
         "label": label,
         "kind": "predictor",
         "status": "done",
@@ -66,9 +66,8 @@ def method(label: str, **record: Any) -> Method:
         "num_samples": 1,
         "num_clips": 2,
     }
-    return Method.of(
-        label, {**facts, "seconds": {}, "fingerprint": "f", "components": {}, **record}
-    )
+    facts |= {"name": label, "seconds": {}, "fingerprint": "f", "components": {}}
+    return Method.model_validate(facts | record)
 
 
 def test_a_row_of_another_protocol_is_named() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import published
@@ -66,7 +65,7 @@ def test_every_row_is_done_under_the_protocols_choices(done: tuple[int, Results]
 
 def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Results]) -> None:
     text = (done[1].tables / "fvs20.md").read_text()
-    steps = statistics.cube(done[1].scores("copy-last"), "ms-ssim").values[0, 0]
+    steps = done[1].scores("copy-last").values["ms-ssim"][0, 0]
     expected = [steps[:k].mean() for k in (1, 3, 5)]
     line = next(line for line in text.splitlines() if line.startswith("| copy-last"))
     means = [float(entry) for entry in line.split("|")[3:6]]
@@ -75,8 +74,7 @@ def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Result
 
 def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> None:
     means = {
-        method.name: statistics.cube(done[1].scores(method.name), "ms-ssim").values.mean()
-        for method in done[1].methods()
+        method.name: done[1].means(method.name)["ms-ssim"].mean() for method in done[1].methods()
     }
     assert means["gt-3d--fusion"] > means["copy-last"] + 0.2
 
