@@ -39,9 +39,8 @@ def run(args: argparse.Namespace) -> int:
             rows = [(method.label, *row) for row in results.scores(method.name).rows()]
             columns = (np.array(column, object) for column in zip(*rows, strict=True))
             database.register("rows", dict(zip(names, columns, strict=True)))
-            database.execute(
-                "INSERT INTO scores SELECT * REPLACE (nullif(value, 'nan'::DOUBLE) AS value) FROM rows"
-            )
+            database.execute("INSERT INTO scores SELECT * FROM rows")
+        database.execute("UPDATE scores SET value = NULL WHERE isnan(value)")
         try:
             getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
         except duckdb.IOException as error:
