@@ -17,9 +17,9 @@ from geovp_classic.data.frames import (
     image_files,
 )
 from geovp_classic.data.sequences import Scan, SequenceDataset, sequence_folders
-from geovp_classic.data.windows import FrameRange, Recording
+from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import FloatArray, Intrinsics
 
 DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
 
@@ -29,15 +29,14 @@ class Folder(SequenceDataset):
     """The images of a folder in the order of their names (2 before 10), or the frames of a video.
 
     A folder without images of its own is a root: each folder of images in it is a sequence,
-    `sequences` names some of them ("city", "city[100:400)"), and `times` and `trajectory` are files
-    in each.
+    `times` and `trajectory` are files in each. `sequences` names some of them, or frames of them
+    ("city", "city[100:400)").
 
     `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored; (0, 0) is the
     centre of the top-left one. Times come from the file `times` (one number a line) or from
     `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else from the video's own
     rate, else 10 Hz are assumed. `trajectory` is a KITTI or TUM file with one pose a frame;
-    `is_metric` says whether its unit is the metre. `frames` limits the clips of one sequence to
-    [first, last). Other settings are `SequenceDataset`'s.
+    `is_metric` says whether its unit is the metre. Other settings are `SequenceDataset`'s.
     """
 
     path: Path
@@ -46,7 +45,6 @@ class Folder(SequenceDataset):
     times: Path | None = None
     trajectory: Path | None = None
     is_metric: bool = True
-    frames: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         for name in ("path", "times", "trajectory"):  # scripts give text
@@ -81,17 +79,6 @@ class Folder(SequenceDataset):
         """Return all frames of the first sequence with their times, camera and poses."""
         return next(iter(self.recordings.values()))
 
-    def _named_ranges(self) -> tuple[FrameRange, ...]:
-        if self.frames is None:
-            return super()._named_ranges()
-        ranges = (FrameRange(self.name, *self.frames),)
-        if self._is_root or self.sequences is not None:
-            text = str(ranges[0]).removeprefix(self.name)
-            raise BadData(
-                f'frames is of one sequence: give sequences = ["NAME{text}"] in its place'
-            )
-        return ranges
-
     def folders(self) -> dict[str, Path]:
         """Return the folders of images by name: the path, or those in it if it has no images."""
         if self.path.is_file():
@@ -122,41 +109,26 @@ class Folder(SequenceDataset):
             reader = FrameFiles(images, (size_px,) * len(images), load)
             rate_hz = DEFAULT_RATE_HZ
         camera = Intrinsics(*self.intrinsics, *size_px)
-        times_s, trajectory = self._timed(
-            name,
-            folder if self._is_root else Path(),
-            len(reader),
-            self.frame_rate_hz or rate_hz,
-        )
+        folder = folder if self._is_root else Path()
+        rate_hz = self.frame_rate_hz or rate_hz
+        times_s: FloatArray | None = None
+        if self.times is not None:
+            times_s = pose_files.read_times(folder / self.times)
+        elif rate_hz is not None:
+            times_s = np.arange(len(reader)) / rate_hz
+        trajectory = None
+        if self.trajectory is not None:
+            trajectory = pose_files.read_trajectory(
+                folder / self.trajectory, times_s, is_metric=self.is_metric
+            )
+            if self.frame_rate_hz is None and self.times is None:
+                times_s = trajectory.times_s
+            elif times_s is not None and len(trajectory) == len(times_s):
+                trajectory = replace(trajectory, times_s=times_s)
+        if times_s is None:
+            raise BadData(
+                f"{name} does not state its frame rate: give frame_rate_hz"
+            )
         return Recording(
             name, reader, times_s, camera, trajectory, self.camera_height_m
         )
-
-    def _timed(
-        self, name: str, folder: Path, num_frames: int, rate_hz: float | None
-    ) -> tuple[FloatArray, Trajectory | None]:
-        """Return the times of a sequence's frames, and its trajectory if there is one."""
-        poses = self.trajectory and folder / self.trajectory
-        has_own_times = (
-            self.frame_rate_hz is None and poses and pose_files.has_times(poses)
-        )
-        times_s = None
-        if self.times is not None:
-            times_s = pose_files.read_times(folder / self.times)
-        elif not has_own_times:
-            if rate_hz is None:
-                raise BadData(
-                    f"{name} does not state its frame rate: give frame_rate_hz"
-                )
-            times_s = np.arange(num_frames) / rate_hz
-        if poses is None:
-            assert times_s is not None
-            return times_s, None
-        trajectory = pose_files.read_trajectory(
-            poses, times_s, is_metric=self.is_metric
-        )
-        if times_s is None:
-            times_s = trajectory.times_s
-        if len(trajectory) == len(times_s):
-            trajectory = replace(trajectory, times_s=times_s)
-        return times_s, trajectory

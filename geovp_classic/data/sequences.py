@@ -10,7 +10,7 @@ import functools
 import itertools
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -60,16 +60,13 @@ class Scan:
 
         An image lacks its pose there, or lies in another folder.
         """
-        breaks = []
-        for place, (before, number) in enumerate(
-            itertools.pairwise(self.posed.tolist()), 1
-        ):
-            is_same_folder = (
-                self.images[number].parent == self.images[before].parent
-            )
-            if number != before + 1 or not is_same_folder:
-                breaks.append(place)
-        return tuple(breaks)
+        posed = [(number, self.images[number].parent) for number in self.posed]
+        pairs = enumerate(itertools.pairwise(posed), 1)
+        return tuple(
+            place
+            for place, ((before, folder), following) in pairs
+            if following != (before + 1, folder)
+        )
 
     def recording(
         self,
@@ -89,25 +86,23 @@ class Scan:
                 f"{source}: none of {len(self.images)} images has a pose: give images and poses "
                 "that match"
             )
+
+        def posed(values: Sequence[Any]) -> tuple[Any, ...]:
+            return tuple(values[number] for number in numbers)
+
         times_s = self.times_s[numbers]
-        cameras = tuple(self.cameras[number] for number in numbers)
+        cameras = posed(self.cameras)
         sizes_px = tuple(camera.size_px for camera in cameras)
         view = common_pinhole(cameras, source)
-        images = FrameFiles(
-            tuple(self.images[number] for number in numbers), sizes_px, load
-        )
+        images = FrameFiles(posed(self.images), sizes_px, load)
         trajectory = None
         if self.world_from_cam is not None:
-            trajectory = Trajectory(
-                self.world_from_cam[numbers], times_s, self.is_metric
-            )
+            poses = self.world_from_cam[numbers]
+            trajectory = Trajectory(poses, times_s, self.is_metric)
         depths = None
         if self.depths is not None:
-            paths = tuple(self.depths[number] for number in numbers)
-            maps = FrameFiles(paths, sizes_px, frames.read_depth)
-            depths = UndistortedFrames(
-                maps, cameras, view, cv2.INTER_NEAREST
-            ).read
+            maps = FrameFiles(posed(self.depths), sizes_px, frames.read_depth)
+            depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
         return Recording(
             name,
             UndistortedFrames(images, cameras, view),
@@ -162,7 +157,7 @@ def nearest_poses(
     """Return the pose [N, 4, 4] nearest in time, NaN beyond the difference."""
     good = np.isfinite(pose_times_s)
     numbers = nearest(times_s, pose_times_s[good], max_difference_s)
-    with_missing = np.concatenate([poses[good], np.full((1, 4, 4), np.nan)])
+    with_missing = np.append(poses[good], np.full((1, 4, 4), np.nan), axis=0)
     return with_missing[numbers]
 
 
@@ -229,10 +224,8 @@ class SequenceDataset(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone, so that a copy in another process reads its own files."""
-        return {
-            item.name: getattr(self, item.name)
-            for item in dataclasses.fields(self)
-        }
+        names = [item.name for item in dataclasses.fields(self)]
+        return {name: getattr(self, name) for name in names}
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
@@ -305,15 +298,14 @@ class SequenceDataset(ABC):
 
     def _named_ranges(self) -> tuple[FrameRange, ...]:
         """Return the frames that the settings name."""
-        if self.sequences is None:
-            ranges = tuple(map(FrameRange, self._folders))
-        else:
-            ranges = tuple(map(FrameRange.parse, self.sequences))
-        if not ranges:
-            raise BadData(
-                "no sequence is named: name some that the data set's folder holds"
-            )
-        return ranges
+        ranges = map(FrameRange, self._folders)
+        if self.sequences is not None:
+            ranges = map(FrameRange.parse, self.sequences)
+        if named := tuple(ranges):
+            return named
+        raise BadData(
+            "no sequence is named: name some that the data set's folder holds"
+        )
 
     @cached_property
     def _folders(self) -> dict[str, Path]:

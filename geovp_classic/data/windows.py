@@ -2,7 +2,7 @@
 
 import itertools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
@@ -41,12 +41,9 @@ class FrameRange:
         )
         if match is None:
             raise BadData(f"{text!r} is not a range of frames, {EXPECTED}")
-        first, last = match[2], match[3]
-        return (
-            cls(match[1])
-            if last is None
-            else cls(match[1], int(first), int(last))
-        )
+        if match[2] is None:
+            return cls(match[1])
+        return cls(match[1], int(match[2]), int(match[3]))
 
     def __post_init__(self) -> None:
         if self.last is not None and not 0 <= self.first < self.last:
@@ -87,56 +84,44 @@ class Recording:
     trajectory: Trajectory | None = None  # [N]
     camera_height_m: float | None = None
     right: SideCamera | None = None
-    # a frame's number -> z-depth [H, W] in metres, 0 = unknown
-    depths: Callable[[int], FloatArray] | None = None
+    depths: FrameReader | None = None  # z-depth [H, W] in metres, 0 = unknown
     # frames that do not follow the one before, so that no clip holds both
     breaks: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         name = self.name
-        right = self.right
         series: dict[str, Any] = {
             "poses": self.trajectory,
             "times": self.times_s,
+            "right frames": self.right and self.right.frames,
         }
-        cameras = [self.intrinsics]
-        if right is not None:
-            series["right frames"] = right.frames
-            cameras.append(right.intrinsics)
         for what, values in series.items():
             if values is not None and len(values) != len(self.frames):
                 raise BadData(
                     f"{name}: {len(values)} {what} for {len(self.frames)} frames, expected one each"
                 )
-        for camera in cameras:
-            if not _is_plausible(camera):
-                raise BadData(
-                    f"{name}: {camera} has an implausible focal length or its principal point "
-                    "outside the images: give the calibration in pixels of the stored images"
-                )
-        if (
-            self.camera_height_m is not None
-            and not 0 < self.camera_height_m < 1e4
-        ):
+        camera = self.intrinsics
+        ratios = np.divide(
+            [camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px)
+        )
+        # fields of view from 169 to half a degree
+        is_plausible = ratios.min() > 0.05 and ratios.max() < 100
+        is_plausible &= -0.5 <= camera.cx_px <= camera.width_px - 0.5
+        is_plausible &= -0.5 <= camera.cy_px <= camera.height_px - 0.5
+        if not is_plausible:
             raise BadData(
-                f"{name}: camera_height_m is {self.camera_height_m}, expected 0 to 10000 m"
+                f"{name}: {camera} has an implausible focal length or its principal point outside "
+                "the images: give the calibration in pixels of the stored images"
+            )
+        height_m = self.camera_height_m
+        if height_m is not None and not 0 < height_m < 1e4:
+            raise BadData(
+                f"{name}: camera_height_m is {height_m}, expected 0 to 10000 m"
             )
         if len(self.times_s) > 1 and not np.median(np.diff(self.times_s)) < 60:
             raise BadData(
                 f"{name}: half of the times are a minute or more apart: give times in seconds"
             )
-
-
-def _is_plausible(camera: Intrinsics) -> bool:
-    """Return whether focal lengths and principal point fit the images.
-
-    Focal lengths of 0.05 to 100 widths are fields of view from 169 to half a degree.
-    """
-    size_px = np.array([camera.width_px, camera.height_px])
-    focal_ratio = np.array([camera.fx_px, camera.fy_px]) / size_px.max()
-    centre_px = np.array([camera.cx_px, camera.cy_px])
-    is_inside = (centre_px >= -0.5) & (centre_px <= size_px - 0.5)
-    return bool((is_inside & (focal_ratio > 0.05) & (focal_ratio < 100)).all())
 
 
 def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
@@ -208,8 +193,16 @@ def cut(
         right = ExtraView(frames, side.intrinsics, side.view_from_cam)
     depths = None
     if recording.depths is not None:
-        depth_maps = [recording.depths(step)[window] for step in steps]
-        depths = np.stack([_nearest(depth, size_px) for depth in depth_maps])
+        # A mean over an edge would be on no surface.
+        maps = [
+            cv2.resize(
+                np.ascontiguousarray(recording.depths.read(step)[window]),
+                size_px,
+                interpolation=cv2.INTER_NEAREST_EXACT,
+            )
+            for step in steps
+        ]
+        depths = np.array(maps, np.float32)
     return Clip(
         clip_name(recording.name, first),
         np.stack([resize(image[window], size_px) for image in native]),
@@ -230,12 +223,3 @@ def _stretch(image: ByteArray, size_px: Size) -> ByteArray:
     protocols that stretch frames are compared by numbers that depend on it.
     """
     return np.asarray(cv2.resize(image, size_px), np.uint8)
-
-
-def _nearest(depth: FloatArray, size_px: Size) -> FloatArray:
-    """Resize a depth map to the nearest pixels: a mean over an edge is on no surface."""
-    contiguous = np.ascontiguousarray(depth, np.float32)
-    resized = cv2.resize(
-        contiguous, size_px, interpolation=cv2.INTER_NEAREST_EXACT
-    )
-    return np.asarray(resized, np.float32)

@@ -88,7 +88,7 @@ def test_a_kitti_trajectory_has_the_times_of_the_frames(images: Path, tmp_path: 
 
 
 def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
-    assert folder(images, frames=(3, 8)).clip_names == ("drive/000003",)
+    assert folder(images, sequences=("drive[3:8)",)).clip_names == ("drive/000003",)
     times = tmp_path / "times.txt"
     times.write_text("0\n1\n")
     wrong: list[tuple[dict[str, object], str]] = [
@@ -98,8 +98,8 @@ def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
         ({"trajectory": tmp_path / "none.txt"}, r"none\.txt: does not exist"),
         ({"num_frames": 13}, "has 12 frames, but one clip needs 13"),
         ({"intrinsics": (720.0, 720.0, 610.0, 180.0)}, "principal point outside the images"),
-        ({"frames": (3, 13)}, "has 12 frames"),
-        ({"frames": (5, 5)}, "first < last"),
+        ({"sequences": ("drive[3:13)",)}, "has 12 frames"),
+        ({"sequences": ("drive[5:5)",)}, "first < last"),
     ]
     for settings, message in wrong:
         with pytest.raises(BadData, match=message):
@@ -135,7 +135,6 @@ def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None
     assert folder(tmp_path, sequences=("drive[0:8)",)).split_hash != data.split_hash
     assert folder(images).split_hash == ""  # of one sequence
     for settings, message in (
-        ({"frames": (0, 4)}, r'give sequences = \["NAME\[0:4\)"\] in its place'),
         ({"sequences": ("c",)}, "no sequence 'c': name one of b 2, drive"),
         ({"trajectory": "none.txt"}, r"b 2/none\.txt: does not exist"),
     ):

@@ -143,7 +143,7 @@ def test_depths_are_cropped_and_resized_with_the_frames() -> None:
     column = np.tile(np.arange(8.0), (4, 1))
     recording = replace(
         recording_of(np.zeros((3, 4, 8, 3), np.uint8), CAMERA),
-        depths=lambda index: column + 10 * index,
+        depths=Images(column + 10 * np.arange(3.0)[:, None, None]),
     )
     cropped = windows.cut(recording, 1, 2, (4, 4)).depths
     assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
