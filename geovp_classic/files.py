@@ -39,6 +39,20 @@ def opened(path: Path) -> Iterator[io.BufferedReader]:
         ) from problem
 
 
+@contextlib.contextmanager
+def checked(what: str, advice: str) -> Iterator[None]:
+    """Raise BadData with the reason, between `what` and `advice`, in place of any exception.
+
+    Libraries raise a dozen types for damaged files.
+    """
+    try:
+        yield
+    except Exception as problem:
+        reason = str(problem).strip().partition("\n")[0][:200]
+        reason = reason or type(problem).__name__
+        raise BadData(f"{what} ({reason}): {advice}") from problem
+
+
 def read_bytes(path: Path, limit_bytes: int = 256 * MIB) -> bytes:
     """Read a regular file of at most `limit_bytes` and compare it with SHA256SUMS beside it."""
     with opened(path) as file:
@@ -61,28 +75,18 @@ def check_file(path: Path) -> None:
 def read_text(path: Path, limit_bytes: int = 64 * MIB) -> str:
     """Read a text file in UTF-8."""
     content = read_bytes(path, limit_bytes)
-    try:
+    with checked(f"{path} cannot be read as text", "give a file in UTF-8"):
         return content.decode("utf-8-sig")
-    except UnicodeDecodeError as problem:
-        raise BadData(
-            f"{path} cannot be read as text ({problem}): give a text file in UTF-8"
-        ) from problem
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file that holds an object."""
     text = read_text(path)
-    try:
+    with checked(f"{path} is not JSON", "fix or remove it"):
         content = json.loads(text)
-    except (ValueError, RecursionError) as problem:
-        raise BadData(
-            f"{path} is not JSON ({problem}): fix or remove it"
-        ) from problem
-    if not isinstance(content, dict):
-        raise BadData(
-            f"{path} holds a {type(content).__name__}, expected a JSON object: remove it"
-        )
-    return content
+        if isinstance(content, dict):
+            return content
+        raise ValueError(f"{type(content).__name__} instead of an object")
 
 
 def json_bytes(value: Mapping[str, Any]) -> bytes:
@@ -101,19 +105,13 @@ def json_bytes(value: Mapping[str, Any]) -> bytes:
 def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Read the arrays of an npz file after checking the checksum of each; never unpickle."""
     content = read_bytes(path, 8192 * MIB)
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            damaged = archive.zip.testzip()
-            if damaged is not None:
-                raise ValueError(f"the checksum of {damaged} is wrong")
-            return dict(archive)
-    except (
-        Exception
-    ) as problem:  # NumPy and zipfile raise a dozen kinds for damaged files
-        reason = str(problem).partition("\n")[0][:200] or type(problem).__name__
-        raise BadData(
-            f"{path} cannot be read ({reason}): it is not a whole npz file"
-        ) from problem
+    with (
+        checked(f"{path} cannot be read", "it is not a whole npz file"),
+        np.load(io.BytesIO(content), allow_pickle=False) as archive,
+    ):
+        if damaged := archive.zip.testzip():
+            raise ValueError(f"the checksum of {damaged} is wrong")
+        return dict(archive)
 
 
 def finite_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:

@@ -29,15 +29,15 @@ KITTI_CAMERAS = (
     3,
 )  # by preference: left colour, left grey, then the others
 # COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
-RADTAN = (
-    "none",
-    "plumb_bob",
-    "radtan",
-    "radial-tangential",
-    "rational_polynomial",
-)
-MODELS = dict.fromkeys(RADTAN, "FULL_OPENCV")
-MODELS |= {"equidistant": "OPENCV_FISHEYE", "fisheye": "OPENCV_FISHEYE"}
+MODELS = {
+    "none": "FULL_OPENCV",
+    "plumb_bob": "FULL_OPENCV",
+    "radtan": "FULL_OPENCV",
+    "radial-tangential": "FULL_OPENCV",
+    "rational_polynomial": "FULL_OPENCV",
+    "equidistant": "OPENCV_FISHEYE",
+    "fisheye": "OPENCV_FISHEYE",
+}
 
 
 def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
@@ -47,7 +47,11 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
     preferred one. BadData if the file is about images of another aspect ratio.
     """
     text = files.read_text(path, files.MIB)
-    try:
+    formats = (
+        "give KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain "
+        "(.yaml)"
+    )
+    with files.checked(f"{path} is not a calibration", formats):
         if path.suffix.lower() in (".yaml", ".yml"):
             camera = camera_of_yaml(load_yaml(text))
         elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
@@ -62,12 +66,6 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
             camera = projection[0]
         else:
             camera = _camera_of_colmap(text)
-    except Exception as problem:  # the file may hold anything
-        reason = str(problem).partition("\n")[0][:200]
-        raise BadData(
-            f"{path} is not a calibration ({reason}): give KITTI's calib.txt, COLMAP's "
-            "cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
-        ) from problem
     width_px, height_px = camera.size_px
     if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
         raise BadData(

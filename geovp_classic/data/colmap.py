@@ -99,7 +99,10 @@ def _read_model(model: Path) -> Registered:
     _check_counts(model / "points3D.bin", 43, False, 8, 8)
     _check_counts(model / "frames.bin", 64, False, 4, 16)
     registered: Registered = {}
-    try:
+    advice = (
+        "give cameras, images and points3D of one, or rerun COLMAP's mapper"
+    )
+    with files.checked(f"{model} is not a COLMAP model", advice):
         reconstruction = pycolmap.Reconstruction(str(model))
         for image in reconstruction.images.values():
             if image.has_pose:
@@ -112,18 +115,6 @@ def _read_model(model: Path) -> Registered:
                 registered[image.name] = se3.inverse(cam_from_world), camera
         if not registered:
             raise ValueError("no image is registered")
-    except (
-        ValueError,
-        RuntimeError,
-        LookupError,
-        MemoryError,
-        OverflowError,
-    ) as problem:
-        reason = str(problem).strip().partition("\n")[0]
-        raise BadData(
-            f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one, "
-            "or rerun COLMAP's mapper"
-        ) from problem
     return registered
 
 

@@ -21,7 +21,6 @@ from geovp_classic.data.sequences import (
     read_list,
 )
 from geovp_classic.data.undistortion import DistortedCamera
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
@@ -76,19 +75,12 @@ class Euroc(PosedSequences):
 def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
     """Read the camera of a sensor.yaml, and its body_from_cam [4, 4]."""
     text = files.read_text(path, files.MIB)
-    try:
+    expected = "expected intrinsics, resolution, and T_BS of 16 numbers that is a rigid motion"
+    with files.checked(f"{path} is not a calibration", expected):
         table = calibration_files.load_yaml(text)
         lens = calibration_files.camera_of_yaml(table)
-        numbers = np.array(
-            calibration_files.matrix_data(table["T_BS"]), np.float64
+        numbers = calibration_files.matrix_data(table["T_BS"])
+        body_from_cam = np.reshape(numbers, (4, 4)).astype(np.float64)
+        return lens, se3.orthonormalised(
+            body_from_cam, pose_files.ROTATION_TOLERANCE
         )
-        body_from_cam = se3.orthonormalised(
-            numbers.reshape(4, 4), pose_files.ROTATION_TOLERANCE
-        )
-    except Exception as problem:  # the file may hold anything
-        reason = repr(problem).partition("\n")[0][:200]
-        raise BadData(
-            f"{path} is not a calibration ({reason}): expected intrinsics, resolution, and T_BS of "
-            "16 numbers that is a rigid motion"
-        ) from problem
-    return lens, body_from_cam

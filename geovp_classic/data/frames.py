@@ -98,23 +98,19 @@ def _check_image(path: Path, file: BinaryIO) -> Size:
 
     OpenCV would show the missing part of a truncated image in grey.
     """
-    try:
-        with Image.open(file) as image:
-            width_px, height_px = image.size
-            if width_px * height_px > MAX_PIXELS:
-                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
-            # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at
-            # an eighth of its size
-            if image.format in ("PNG", "WEBP"):
-                image.verify()
-            else:
-                image.draft("RGB", (1, 1))
-                image.load()
-    except Exception as problem:  # Pillow raises many types for damaged bytes
-        raise BadData(
-            f"{path} cannot be decoded as an image ({str(problem)[:200]!r}): restore or shrink it"
-        ) from problem
-    return width_px, height_px
+    what = f"{path} cannot be decoded as an image"
+    with files.checked(what, "restore or shrink it"), Image.open(file) as image:
+        size_px = image.size
+        if math.prod(size_px) > MAX_PIXELS:
+            raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+        # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
+        # eighth of its size
+        if image.format in ("PNG", "WEBP"):
+            image.verify()
+        else:
+            image.draft("RGB", (1, 1))
+            image.load()
+    return size_px
 
 
 @dataclass(frozen=True)

@@ -54,11 +54,9 @@ class Kitti(PosedSequences):
         super().__post_init__()
 
     def _named_ranges(self) -> tuple[FrameRange, ...]:
-        return (
-            super()._named_ranges()
-            if self.split is None
-            else splits.load(self.split)
-        )
+        if self.split is None:
+            return super()._named_ranges()
+        return splits.load(self.split)
 
     def folders(self) -> dict[str, Path]:
         """Return the sequences of the root by name; BadData if it is not KITTI odometry."""
@@ -77,16 +75,14 @@ class Kitti(PosedSequences):
         `folder` is root/sequences/NN; the poses are root/poses/NN.txt, if there are any.
         """
         images = numbered_images(folder / f"image_{camera}", findings)
-        times = folder / "times.txt"
+        path = folder / "times.txt"
+        times_s = pose_files.read_times(path, findings)
+        times_s = per_frame(path, times_s, images, findings)
         path = folder.parents[1] / "poses" / f"{folder.name}.txt"
         poses = None
         if path.exists():
-            poses = per_frame(
-                path, pose_files.read_kitti(path, findings), images, findings
-            )
-        times_s = per_frame(
-            times, pose_files.read_times(times, findings), images, findings
-        )
+            poses = pose_files.read_kitti(path, findings)
+            poses = per_frame(path, poses, images, findings)
         return rectified(
             images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
         )
@@ -104,15 +100,14 @@ class Kitti(PosedSequences):
 
     def _cameras(self, folder: Path) -> list[int]:
         """Return the cameras of a sequence that have a folder, first the one that it shows."""
-        folders = {
-            camera: folder / f"{self.prefix}{camera}"
+        cameras = [
+            camera
             for camera in KITTI_CAMERAS
-        }
-        cameras = [camera for camera, path in folders.items() if path.is_dir()]
-        if self.camera is not None and self.camera not in cameras:
-            present = ", ".join(folders[camera].name for camera in cameras)
+            if (folder / f"{self.prefix}{camera}").is_dir()
+        ]
+        if self.camera not in (None, *cameras):
             raise BadData(
-                f"{folder} has no {self.prefix}{self.camera}: it has {present}"
+                f"{folder} has no {self.prefix}{self.camera}: give a camera of {cameras}"
             )
         cameras.sort(key=lambda camera: camera != self.camera)
         return cameras or [KITTI_CAMERAS[0]]
@@ -139,15 +134,13 @@ def per_frame(
     If there are fewer or more, the difference is reported and all values are NaN.
     """
     count = len(images)
-    if len(values) not in (0, count):
+    if len(values) == count:
+        return values
+    if len(values):
         findings.add(
             path, f"{len(values)} rows for {count} frames, expected one each"
         )
-    return (
-        values
-        if len(values) == count
-        else np.full((count, *values.shape[1:]), np.nan)
-    )
+    return np.full((count, *values.shape[1:]), np.nan)
 
 
 def rectified(

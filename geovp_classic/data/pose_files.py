@@ -39,19 +39,10 @@ def read_asl(
     path: Path, start_ns: float, findings: Findings = RAISE
 ) -> tuple[FloatArray, FloatArray]:
     """Read times in seconds after `start_ns` [N] and world_from_body [N, 4, 4] of a data.csv."""
-    order = [
-        0,
-        1,
-        2,
-        3,
-        5,
-        6,
-        7,
-        4,
-    ]  # the real part of the quaternion comes first
 
     def pose_of(numbers: FloatArray) -> FloatArray:
-        return _pose_of_quaternion(numbers[order])
+        # the real part of the quaternion comes first
+        return _pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
 
     times_ns, world_from_body = _read(path, (17, 8), pose_of, findings, ",")
     return (times_ns - start_ns) / 1e9, world_from_body

@@ -27,23 +27,14 @@ def load(name: str) -> tuple[FrameRange, ...]:
         message = f"no split is called {name!r}{nearest(name, names())}"
         raise BadData(f"{message} (or give a .toml file)")
     text = files.read_text(path)
-    try:
-        table = tomllib.loads(text)
-    except (
-        ValueError,
-        RecursionError,
-    ) as problem:  # 5,000 digits are a ValueError, too
-        raise BadData(f"{path} is not TOML: {problem}") from problem
-    ranges = table.get("ranges")
-    is_list = isinstance(ranges, list) and all(
-        isinstance(text, str) for text in ranges
+    expected = (
+        'expected ranges = ["06", "03[180:360)"] and perhaps about = "..."'
     )
-    if not ranges or not is_list or table.keys() - {"ranges", "about"}:
-        raise BadData(
-            f'{path} holds {list(table)}: expected ranges = ["06", "03[180:360)"], a list of '
-            'sequences or frame ranges, and perhaps about = "..."'
-        )
-    return tuple(map(FrameRange.parse, ranges))
+    with files.checked(f"{path} is no list of frame ranges", expected):
+        table = tomllib.loads(text)
+        if not table["ranges"] or table.keys() - {"ranges", "about"}:
+            raise BadData(f"it holds {list(table)}")
+        return tuple(map(FrameRange.parse, table["ranges"]))
 
 
 def content_hash(ranges: Iterable[FrameRange]) -> str:

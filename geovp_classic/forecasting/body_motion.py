@@ -16,7 +16,6 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from geovp_classic import files
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.past_motion import Axis
 from geovp_classic.forecasting.sampling import BodyForecast
@@ -137,11 +136,8 @@ def load(path: Path | None) -> Coefficients:
     packaged = resources.files("geovp_classic.poses") / "body_motion.npz"
     source = path or Path(str(packaged))
     arrays = files.finite_arrays(source)
-    try:
+    advice = "fit one with `benchmarks/studies fitting`"
+    with files.checked(f"{source} holds no body motion", advice):
         names = ("scale", "weights", "spread", "degrees")
         columns = [arrays[name].astype(np.float64) for name in names]
         return Coefficients(float(arrays["step_s"]), *columns)
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadData(
-            f"{source} holds no body motion ({error}): fit one with `benchmarks/studies fitting`"
-        ) from error

@@ -166,7 +166,8 @@ def load(path: Path | None) -> Coefficients:
             biases=[arrays[f"{name}_bias{layer}"] for layer in range(3)],
         )
 
-    try:
+    advice = "fit one with `benchmarks/studies fitting`"
+    with files.checked(f"{source} holds no motion prior", advice):
         fitted = Coefficients(
             step_s=float(arrays["step_s"]),
             centre_scale=arrays["centre_scale"],
@@ -180,10 +181,6 @@ def load(path: Path | None) -> Coefficients:
         no_motion = np.zeros((1, num_past_steps, 6))
         path_mixture(fitted, no_motion, np.ones(1))  # checks the shapes
         return fitted
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise BadData(
-            f"{source} holds no motion prior ({error}): fit one with `benchmarks/studies fitting`"
-        ) from error
 
 
 def _path_at(

@@ -126,7 +126,7 @@ def test_loader_and_doctor_report_damage_by_file_and_line(
 
 
 def test_missing_files_are_named(root: Path) -> None:
-    with pytest.raises(BadData, match="has no image_03: it has image_02"):
+    with pytest.raises(BadData, match="has no image_03: give a camera of"):
         raw(root, camera=3)
     (root / DRIVE / "oxts/data/0000000002.txt").unlink()
     with pytest.raises(BadData, match=r"0000000002\.txt: does not exist"):

@@ -65,7 +65,7 @@ def test_a_mistyped_name_is_answered_with_the_nearest() -> None:
     ("text", "message"),
     [
         (None, "No such file"),
-        ("ranges = [", "is not TOML"),
+        ("ranges = [", "expected ranges"),
         ("", "expected ranges"),
         ("ranges = []", "expected ranges"),
         ("ranges = [6]", "expected ranges"),
