@@ -2,11 +2,8 @@
 
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 import geovp_classic as geovp
-from geovp_benchmarks.plots import video
+from geovp_benchmarks.plots import Options, Page, clips
 
 CLIP = 3  # brakes at a crossing
 SIZE_PX = (192, 192)
@@ -23,12 +20,11 @@ def main() -> None:
         "no true pose": geovp.predict(context.only(geovp.PrivilegedInput.CAMERA_HEIGHT)),
         "copied": geovp.build("predictors", "copy-last").predict(context),
     }
-    sheet = video.film_strip({name: each.frames[0] for name, each in predictions.items()})
-    OUT.write_bytes(
-        cv2.imencode(
-            ".jpg", np.ascontiguousarray(sheet[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 88]
-        )[1]
-    )
+    strip = Page("street")
+    rows = {name: prediction.frames[0] for name, prediction in predictions.items()}
+    ahead_s = target.times_s - context.times_s[context.num_past - 1]
+    clips.draw_strip(strip, rows, ahead_s, Options(width_in=6.0))
+    strip.write(OUT)
 
 
 if __name__ == "__main__":

@@ -32,10 +32,10 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     places = np.arange(len(stages))
     with mpl.style.context(style.SHEET):
         size_in = 3 * len(tables), 1 + 0.3 * len(stages)
-        figure = Figure(figsize=size_in, dpi=style.PRINT_DPI, layout="constrained")
+        figure = Figure(figsize=size_in, dpi=300, layout="constrained")
         panels = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
         for axes, table in zip(panels, tables, strict=True):
-            axes.axvline(0, color=style.FAINT, linewidth=0.8)
+            axes.axvline(0, color="0.5", linewidth=0.8)
             axes.set_xlabel(f"change of {table.name.upper()}")
             for number, column in enumerate(table.columns):
                 changes = [row.scores[column.key] for row in table.methods]

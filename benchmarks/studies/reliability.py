@@ -36,11 +36,11 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         for name in ("CTRA, damped", "motion prior")
     }
     with mpl.style.context(style.SHEET):
-        figure = Figure(figsize=(8.5, 2.1), dpi=style.PRINT_DPI, layout="constrained")
+        figure = Figure(figsize=(8.5, 2.1), dpi=300, layout="constrained")
         panels = figure.subplots(1, 5, sharey=True)
         names = ("x, z, yaw", "height", "pitch", "roll", "all six")
         for axes, title in zip(panels, names, strict=True):
-            axes.plot([0, 1], [0, 1], color=style.FAINT, linewidth=0.8)
+            axes.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
             axes.set(title=title, xlabel="probability", aspect="equal")
             for (name, each), dash in zip(scores.items(), ("-", "--"), strict=True):
                 inside = [each[f"{title} in {region:.0%}"].mean() for region in probabilities]

@@ -12,6 +12,7 @@ from geovp_benchmarks import cli, plots
 from geovp_benchmarks.running import task
 from geovp_classic import registry
 from geovp_classic.data import pose_files
+from geovp_classic.data.atomic import write_bytes
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.types import Clip
 from tests.benchmarks.made import write_images
@@ -88,7 +89,7 @@ def refused(command: Command) -> Says:
 @pytest.fixture
 def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are laid out and their files are empty: for tests of anything but what is in them."""
-    monkeypatch.setattr(plots, "rendered", lambda page, kind: b"")
+    monkeypatch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
 
 
 @pytest.fixture

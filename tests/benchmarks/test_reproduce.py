@@ -13,6 +13,7 @@ from geovp_benchmarks import cli, plots
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import published
+from geovp_classic.data.atomic import write_bytes
 from geovp_classic.data.synthetic import Synthetic
 
 DRIVES = (60, 84, 93, 96)
@@ -40,7 +41,7 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
     """The exit code and the results of one clip."""
     out = tmp_path_factory.mktemp("out")
     with pytest.MonkeyPatch.context() as patch:  # what is in figures is tested elsewhere
-        patch.setattr(plots, "rendered", lambda page, kind: b"")
+        patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
         code = cli.main(
             ["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"]
         )

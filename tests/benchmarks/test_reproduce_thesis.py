@@ -9,6 +9,7 @@ import pytest
 
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.results.store import Results
+from geovp_classic.data.atomic import write_bytes
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says, write_kitti
 
@@ -44,7 +45,7 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
     with (
         pytest.MonkeyPatch.context() as patch
     ):  # their names and places are tested here, what is in them elsewhere
-        patch.setattr(plots, "rendered", lambda page, kind: b"")
+        patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
         return cli.main(words(root, out, "--limit", "2", "--methods", *ROWS)), Results(out)
 
 

@@ -3,6 +3,7 @@ figures of its own.
 """
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
 from geovp_benchmarks.tables import tables
+from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
 FACTS: dict[str, dict[str, float]] = {
@@ -139,26 +141,36 @@ def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
 
 
 def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Results) -> None:
-    list(plots.write_all(results))
+    list(plots.write_all(results, plots.Options()))
     before = {path.name for path in results.plots.iterdir()}
-    pages = [page for page, _ in plots.write_all(results, by="turning")]
-    assert [page.name for page in pages if page.subject == "psnr"] == [
-        f"strata-turning-{n}-psnr" for n in (1, 2, 3)
-    ]
-    limits = {page.figure.axes[0].get_ylim() for page in pages if page.subject == "psnr"}
-    assert len(limits) == 1
-    first = pages[0].figure.axes[0]
-    assert "PSNR over horizon: straight, by less than 5 deg" in pages[0].caption
+    by_turning = plots.Options(by="turning")
+    pages = [page for page, _ in plots.write_all(results, by_turning) if page.subject == "psnr"]
+    assert [page.name for page in pages] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
+    assert len({page.figure.axes[0].get_ylim() for page in pages}) == 1
+    assert pages[0].title == "PSNR: straight, by less than 5 deg"
     (legend,) = pages[0].figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
-    assert [np.asarray(line.get_ydata()).tolist() for line in first.lines[-2:]] == [
-        [11.0, 10.0],
-        [10.0, 9.0],
-    ]
+    lines = pages[0].figure.axes[0].lines
+    assert [np.asarray(line.get_ydata()).tolist() for line in lines] == [[11, 10], [10, 9]]
     after = {path.name for path in results.plots.iterdir()}
     assert before < after
-    list(plots.write_all(results))
+    list(plots.write_all(results, plots.Options()))
     assert {path.name for path in results.plots.iterdir()} == after
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_report_has_a_table_per_stratum(results: Results, command: Command) -> None:
+    facts = {"split_hash": "s", "versions": {}, "stride": 1}
+    results.write_protocol({**results.protocol(), **facts})
+    assert command("report", results.root, "--by", "turning").code == 0
+    page = results.report.read_text()
+    tables = re.findall(r"<h3>demo, ([^<]*)</h3>(.*?)</table>", page, re.DOTALL)
+    means = {title: re.findall(r"<td>(\d+\.\d+)<", table)[0] for title, table in tables}
+    assert means == {
+        "straight, by less than 5 deg (n = 2): whole frames and poses": "10.50",
+        "turning, by 5 deg or more (n = 2): whole frames and poses": "11.50",
+        "yaw_deg not known (n = 1): whole frames and poses": "13.50",
+    }
 
 
 @pytest.mark.usefixtures("toys")

@@ -2,11 +2,14 @@
 
 Examples:
   geovp plot results/demo
+  geovp plot results/demo --methods copy-last "vo+prior + fusion" --metrics psnr
+  geovp plot results/demo --against copy-last
   geovp plot results/demo --by turning
   geovp plot results/demo --format pdf --width 3.3in
 """
 
 import argparse
+import re
 
 from geovp_benchmarks.cli.options import add, add_group, add_shared
 from geovp_benchmarks.progress import progress_bar
@@ -15,26 +18,37 @@ from geovp_benchmarks.progress import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, what is shown of them, and the files."""
     add_shared(parser, "folder")
-    add_group(parser, "selection", "--methods", "--metrics", "--by")
+    add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
     output = add_group(parser, "output")
     formats = ("pdf", "svg", "png")
     add(output, "--format", "FORMAT", "pdf, svg or png. Default: png and svg.", choices=formats)
     text = "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles."
-    add(output, "--width", "LENGTH", text)
+    add(output, "--width", "LENGTH", text, type=length_in)
+
+
+def length_in(text: str) -> float:
+    """Parse a length such as "3.3in", "84mm" or "240pt" into inches."""
+    units_in = {"in": 1.0, "cm": 1 / 2.54, "mm": 1 / 25.4, "pt": 1 / 72.27, "": 1.0}
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)", text)
+    if not match or match[2] not in units_in:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length such as 3.3in or 84mm")
+    length = float(match[1]) * units_in[match[2]]
+    if length < 2.5:
+        raise argparse.ArgumentTypeError(f"{text} is too narrow for labels: give 2.5in or more")
+    return length
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the figures, and print their paths."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.plots import layout
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.table_model import Choice
 
     choice = Choice(args.methods, args.metrics)
-    width = None if args.width is None else layout.width_in(args.width)
-    wanted = plots.Layout((args.format,) if args.format else (), width, width is None)
+    formats = (args.format,) if args.format else ()
+    options = plots.Options(choice, args.by, args.against, formats, args.width)
     for results in Results(args.folder).by_dataset().values():
         with progress_bar("plots", "figures") as progress:
-            for _, files in plots.write_all(results, progress, args.by, wanted, choice):
-                print(*files, sep="\n")
+            for _, paths in plots.write_all(results, options, progress):
+                print(*paths, sep="\n")
     return 0

@@ -3,6 +3,7 @@
 Examples:
   geovp report results/demo
   geovp report results/demo --against copy-last
+  geovp report results/demo --by turning
 """
 
 import argparse
@@ -14,18 +15,18 @@ from geovp_benchmarks.progress import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results and what is shown of them."""
     add_shared(parser, "folder")
-    add_group(parser, "selection", "--methods", "--metrics", "--against")
+    add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
 
 
 def run(args: argparse.Namespace) -> int:
     """Write figures and report, and print the path of the report."""
-    from geovp_benchmarks import report
+    from geovp_benchmarks import plots, report
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.table_model import Choice
 
-    choice = Choice(args.methods, args.metrics)
+    options = plots.Options(Choice(args.methods, args.metrics), args.by, args.against)
     for results in Results(args.folder).by_dataset().values():
         with progress_bar("report", "figures") as progress:
-            report.write(results, progress, args.against, choice)
+            report.write(results, options, progress)
         print(results.report)
     return 0

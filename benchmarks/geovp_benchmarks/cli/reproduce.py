@@ -44,7 +44,11 @@ def run(args: argparse.Namespace) -> int:
     formats.write_all(results, [*tables.build(results), *paper_tables])
     print(*map(formats.markdown, paper_tables), sep="\n")
     with progress_bar("plots", "figures") as progress:
-        figures = [path.name for _, files in plots.write_all(results, progress) for path in files]
+        figures = [
+            path.name
+            for _, files in plots.write_all(results, plots.Options(), progress)
+            for path in files
+        ]
     print(*published.figures(args.name, figures), sep="\n")
     print(f"tables: {results.tables}\nplots:  {results.plots}")
     return exit_code(methods)

@@ -89,7 +89,7 @@ def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[
 
 def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> int:
     """Write tables and report, print the main table, and return the exit code."""
-    from geovp_benchmarks import report
+    from geovp_benchmarks import plots, report
     from geovp_benchmarks.tables import formats, tables
 
     built = tables.build(results)
@@ -97,7 +97,7 @@ def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> 
     with_report = with_report and any(method.num_clips for method in methods)
     if with_report:
         with progress_bar("plots", "figures") as progress:
-            report.write(results, progress)
+            report.write(results, plots.Options(), progress)
     print(formats.markdown(built[0], terminal_width()))
     print(f"tables: {results.tables}")
     if with_report:

@@ -1,183 +1,154 @@
-"""Curves over the horizon, and over the number of samples, from stored scores."""
+"""Figures of scores over the horizon: means of methods, by strata, and paired differences."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.style import context
+from matplotlib.ticker import MaxNLocator
 
-from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.plots import curves, style
-from geovp_benchmarks.plots.material import Material, Page, page, title
+from geovp_benchmarks.analysis import intervals, statistics
+from geovp_benchmarks.plots.material import Material
+from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
+from geovp_benchmarks.results import stored_facts
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Method
-from geovp_benchmarks.results.stored_facts import bounds, higher_is_better
+from geovp_benchmarks.tables.scores import facts_of
+from geovp_classic.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Line:
-    """The scores that one curve shows."""
+class Curve:
+    """Scores of a method, whose mean over clips is drawn."""
 
     label: str
-    key: tuple[str, str]  # decides the style: pose source and renderer
-    method: Method
-    reduce: statistics.Reduction
+    values: FloatArray  # [N, F], NaN where there is no value
+    clips: Sequence[str]  # [N]
+    bounds: Bounds  # of a score
+    look: Mapping[str, Any]  # arguments of `Axes.plot`
+
+    @property
+    def mean(self) -> FloatArray:
+        """Return the mean over clips [F]."""
+        return statistics.over_clips(self.values).mean
+
+    def covers(self, other: "Curve") -> bool:
+        """Return whether the two lines would hide each other."""
+        return np.allclose(self.mean, other.mean, rtol=2e-3, equal_nan=True)
+
+
+def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
+    """Draw curves with a legend.
+
+    Few curves have intervals in the middle and at the end of the horizon, beside one another.
+    """
+    width_in = options.width_in or 4.8
+    (axes,) = page.add_axes(width_in, 0.65 * width_in, options)
+    num_steps = curves[0].values.shape[1]
+    spacing = max(1, num_steps // 4)
+    lines = {}
+    for number, curve in enumerate(curves):
+        # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
+        width = 1.3 + 1.3 * sum(curve.covers(other) for other in curves[number + 1 :])
+        look = {**curve.look, "linewidth": width, "markevery": (number % spacing, spacing)}
+        (lines[curve.label],) = axes.plot(np.arange(1, num_steps + 1), curve.mean, **look)
+        aside = 0.01 * num_steps * (number - (len(curves) - 1) / 2)
+        for step in {(num_steps + 1) // 2, num_steps}:
+            if len(curves) <= options.max_intervals:
+                values, sequences = curve.values[:, step - 1], intervals.sequences_of(curve.clips)
+                interval = intervals.interval(values, sequences, bounds=curve.bounds)
+                ends = interval.low, interval.high
+                axes.vlines(step + aside, *ends, color=look["color"], linewidth=0.9)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+    page.add_legend(lines)
+    return axes
 
 
 def metrics(material: Material) -> list[str]:
-    """Return the metrics with a unit that have values at several steps.
-
-    They have the order of the protocol; metrics over sets of pixels come last.
-    """
-    steps: dict[str, set[int]] = {}
-    for scores in material.scores.values():
-        for metric, values in scores.values.items():
-            finite = np.flatnonzero(np.isfinite(values).any(axis=(0, 1)))
-            steps.setdefault(metric, set()).update(finite.tolist())
-    facts = material.protocol["metrics"]
-    min_steps = min(2, material.protocol["num_future"])
-    names = []
-    for name, about in facts.items():
-        if "unit" in about:
-            names += [key for key in steps if key.partition("@")[0] == name]
-    names = [name for name in names if len(steps[name]) >= min_steps]
+    """Return the stored metrics that have a unit, those over sets of pixels last."""
+    stored = {name: None for scores in material.scores.values() for name in scores.values}
+    names = [name for name in stored if "unit" in facts_of(name, material.protocol)]
     return sorted(names, key=lambda name: "@" in name)
 
 
-def pages(material: Material, metric: str, layout: style.Layout) -> list[Page]:
-    """Draw one metric over the horizon; over sets of pixels as svg only."""
-    lines = _curves(material, metric)
-    shown = _limited(lines, material, metric, layout)
-    subtitle = _subtitle(material, shown, len(lines))
-    heading = style.Heading(f"{title(metric)} over horizon", subtitle)
-    figure = curves.draw(shown, _labels(material, metric), heading, layout)
-    formats = ("svg",) if "@" in metric else ("png", "svg")
-    return [page("horizon", metric, metric, heading, figure, formats)]
+@context(SHEET)
+def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -> list[Page]:
+    """Draw a metric over the horizon, or its paired differences from a method.
+
+    There is a figure per stratum, with equal axes. Figures over sets of pixels are svg only.
+    """
+    pages: list[Page] = []
+    for number, (label, material) in enumerate(groups.items(), 1):
+        curves = _curves(material, metric)
+        if not curves:
+            continue
+        kind, title = "horizon", stored_facts.title(metric)
+        facts = facts_of(metric, material.protocol)
+        arrow = {True: " ↑", False: " ↓", None: ""}[facts.get("higher_is_better")]
+        y_label = f"{title} ({facts['unit']}){arrow}".replace(" ()", "")
+        if options.by:
+            kind, title = f"strata-{options.by}-{number}", f"{title}: {label}"
+        if options.against:
+            kind, title = f"against-{kind}", f"{title}: difference from {options.against}"
+        data, num_clips = stored_facts.data_name(material.protocol), len(curves[0].clips)
+        subtitle = f"{data}: mean of {num_clips} clips"
+        if len(curves) <= options.max_intervals:
+            subtitle += " with 95 % intervals (block bootstrap)"
+        if len(material.methods) < len(material.scores):
+            subtitle += (
+                f"; {len(material.methods)} of {len(material.scores)} methods (see --methods)"
+            )
+        formats = ("svg",) if "@" in metric else ("png", "svg")
+        page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
+        axes = draw(page, curves, options)
+        step = f"frames of {material.step_s:.2g} s" if material.step_s else "frames"
+        axes.set(xlabel=f"horizon ({step})", ylabel=y_label)
+        if options.against:
+            axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+        pages.append(page)
+    panels = [page.figure.axes[0] for page in pages]
+    limits = [panel.get_ylim() for panel in panels]
+    for panel in panels:
+        panel.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+    return pages
 
 
-def stratum_pages(
-    strata: Mapping[str, Material], by: str, metric: str, layout: style.Layout
-) -> list[Page]:
-    """Draw one figure per stratum, with the curves of the other strata in grey."""
-    shown = {}
-    for label, material in strata.items():
-        lines = _limited(_curves(material, metric), material, metric, layout)
-        if lines:
-            shown[label] = lines
-    drawn = []
-    for number, (label, lines) in enumerate(shown.items(), 1):
-        material = strata[label]
-        subtitle = _subtitle(material, lines, len(lines)) + ", grey: other clips"
-        heading = style.Heading(f"{title(metric)} over horizon: {label}", subtitle)
-        grey = [line for other, rest in shown.items() if other != label for line in rest]
-        labels = replace(_labels(material, metric), step_s=next(iter(strata.values())).step_s)
-        figure = curves.draw(lines, labels, heading, layout, grey)
-        drawn.append(page("strata", f"{by}-{number}-{metric}", metric, heading, figure))
-    return drawn
+def _curves(material: Material, metric: str) -> list[Curve]:
+    """Return a curve per method that has values, of several samples two: their mean and best.
 
-
-def sample_pages(material: Material, metric: str, layout: style.Layout) -> list[Page]:
-    """Draw the expected best score of k samples over k, where it is defined."""
-    facts = material.protocol["metrics"][metric]
-    higher = higher_is_better(metric, facts)
-    if higher is None:
-        return []
-    scores = {}
+    Metrics of poses have a curve per pose source. Labels say where clips are missing.
+    """
+    facts = facts_of(metric, material.protocol)
+    higher, is_of_poses = facts.get("higher_is_better"), facts["role"] == "trajectory"
+    methods: dict[tuple[str, str], Method] = {}
     for method in material.methods:
-        values = material.values(method, metric)
-        if values.shape[1] > 1 and np.isfinite(values).any():
-            scores[method.label] = values
-    styles = style.line_styles([(label, "") for label in scores])
-    shown = []
-    for (label, values), line in zip(scores.items(), styles, strict=True):
-        best = statistics.expected_best(values, higher)
-        clips = material.protocol["clips"]
-        shown.append(curves.Curve.of(label, best, clips, bounds(metric, facts), line))
-    if not shown:
-        return []
-    shown = _limited(shown, material, metric, layout)
-    labels = replace(_labels(material, metric), step_s=None, x_label="number of samples k")
-    subtitle = f"{material.data}: selected by the real future; mean over sets of k and over clips"
-    heading = style.Heading(f"{title(metric)} of the best of k samples", subtitle)
-    return [page("samples", metric, metric, heading, curves.draw(shown, labels, heading, layout))]
-
-
-def _curves(material: Material, metric: str) -> list[curves.Curve]:
-    """Return one curve per line that has values; a label says where clips are missing."""
-    facts = material.protocol["metrics"][metric.partition("@")[0]]
-    higher = higher_is_better(metric, facts)
-    lines = _lines(material.methods, is_trajectory=facts["role"] == "trajectory")
-    shown = []
-    for line, look in zip(lines, style.line_styles([line.key for line in lines]), strict=True):
-        samples = material.values(line.method, metric)
-        is_defined = higher is not None or line.reduce is not statistics.best_of_samples
-        if is_defined and np.isfinite(samples).any():
-            values, clips = line.reduce(samples, higher), material.protocol["clips"]
-            ends = bounds(metric, facts)
-            shown.append(curves.Curve.of(line.label, values, clips, ends, look))
-    most = max((curve.num_clips for curve in shown), default=0)
-    for number, curve in enumerate(shown):
-        if curve.num_clips < most:
-            label = f"{curve.label} (only {curve.num_clips} of {most} clips)"
-            shown[number] = replace(curve, label=label)
-    return shown
-
-
-def _limited(
-    shown: list[curves.Curve], material: Material, metric: str, layout: style.Layout
-) -> list[curves.Curve]:
-    """Return the best curves, at most as many as can be told apart, in their order.
-
-    Many curves have no intervals.
-    """
-    if len(shown) > layout.max_intervals:
-        shown = [curve.without_intervals() for curve in shown]
-    if len(shown) <= layout.max_lines:
-        return shown
-    facts = material.protocol["metrics"][metric.partition("@")[0]]
-    sign = {True: -1.0, False: 1.0, None: 0.0}[higher_is_better(metric, facts)]
-    ranked = sorted(shown, key=lambda curve: sign * float(np.nanmean(curve.mean)))
-    best = {curve.label for curve in ranked[: layout.max_lines]}
-    return [curve for curve in shown if curve.label in best]
-
-
-def _subtitle(material: Material, shown: Sequence[curves.Curve], num_lines: int) -> str:
-    """Say what the curves are means over, and which lines are missing."""
-    most = max(curve.num_clips for curve in shown)
-    words = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
-    if any(curve.has_intervals for curve in shown):
-        words += ", with 95 % intervals (block bootstrap)"
-    if len(shown) < num_lines:
-        words += f"; the best {len(shown)} of {num_lines} lines (--methods selects others)"
-    return words
-
-
-def _labels(material: Material, metric: str) -> curves.AxisLabels:
-    facts = material.protocol["metrics"][metric.partition("@")[0]]
-    higher = higher_is_better(metric, facts)
-    return curves.AxisLabels(title(metric), facts["unit"], higher, material.step_s)
-
-
-def _lines(methods: Sequence[Method], *, is_trajectory: bool) -> list[Line]:
-    """Return a line per method, or per pose source; with several samples their mean and best.
-
-    Styles do not depend on which lines have values, so that all figures agree.
-    """
-    lines: dict[tuple[str, str], Line] = {}
-    for method in methods:
-        first, second, label = (
-            method.pose_source or method.label,
-            method.renderer or "",
-            method.label,
-        )
-        if is_trajectory:
-            second, label = "", first
-        count = method.num_samples
-        reductions: dict[str, statistics.Reduction] = {"": statistics.mean_of_samples}
-        if count > 1:
-            reductions = {
-                f", mean of {count}": statistics.mean_of_samples,
-                f", best of {count}": statistics.best_of_samples,
-            }
+        renderer = "" if is_of_poses else method.renderer or ""
+        methods.setdefault((method.pose_source or method.label, renderer), method)
+    bounds = stored_facts.bounds(metric, facts)
+    reference: FloatArray | float = 0.0
+    if material.reference is not None:
+        values, bounds = material.values(material.reference, metric), UNBOUNDED
+        reference = statistics.mean_of_samples(values)[:, None]
+    curves = []
+    looks = line_styles(list(methods))
+    for look, ((source, _), method) in zip(looks, methods.items(), strict=True):
+        samples, count = material.values(method, metric) - reference, method.num_samples
+        num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
+        if method is material.reference or num_steps < min(2, material.protocol["num_future"]):
+            continue
+        reductions: dict[str, statistics.Reduction] = {
+            f", mean of {count}" * (count > 1): statistics.mean_of_samples
+        }
+        if count > 1 and higher is not None:
+            reductions[f", best of {count}"] = statistics.best_of_samples
         for suffix, reduce in reductions.items():
-            key = (first, second + suffix)
-            lines.setdefault(key, Line(label + suffix, key, method, reduce))
-    return list(lines.values())
+            values = reduce(samples, higher)
+            label = (source if is_of_poses else method.label) + suffix
+            num_clips = np.isfinite(values).any(axis=1).sum()
+            if num_clips < len(values):
+                label += f" (only {num_clips} of {len(values)} clips)"
+            curves.append(Curve(label, values, material.protocol["clips"], bounds, look))
+            look = {**look, "markerfacecolor": "white", "markeredgecolor": look["color"]}
+    return curves

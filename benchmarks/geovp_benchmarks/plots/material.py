@@ -1,30 +1,18 @@
-"""The data that all figures of a results folder share, and a drawn figure."""
+"""The data that all figures of a results folder share."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from geovp_benchmarks.plots import style
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Method, Results, Scores
-from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
+from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.types import FloatArray
-
-
-@dataclass(frozen=True)
-class Page:
-    """One figure, ready to be written."""
-
-    name: str  # of the file, without its ending
-    kind: str  # "horizon", "samples", "strip", "inpainted" or "paths"
-    subject: str  # the metric or the clip
-    caption: str
-    figure: Figure
-    formats: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -33,55 +21,64 @@ class Material:
 
     results: Results
     protocol: Mapping[str, Any]
-    methods: Sequence[Method]  # with rows
-    scores: Mapping[str, Scores]  # by method
-    step_s: float | None  # seconds from one horizon step to the next, None where clips differ
+    scores: Mapping[str, Scores]  # of all methods that have some
+    methods: Sequence[Method]  # that figures show
+    reference: Method | None  # that the others are compared with
 
     @classmethod
-    def read(cls, results: Results, choice: Choice = EVERYTHING) -> Self:
+    def read(cls, results: Results, options: Options) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
-        protocol = results.protocol()
+        protocol, choice = results.protocol(), options.choice
+        if options.against and choice.methods:
+            choice = Choice([*choice.methods, options.against])
         methods = choice.select(results.methods())
-        ran = [method for method in methods if method.status in ("done", "partial")]
-        scores = {method.name: results.scores(method.name) for method in ran}
-        methods = [method for method in ran if scores[method.name].values]
-        return cls(results, protocol, methods, scores, _step_s(results, protocol["num_past"]))
+        stored = {method.name: results.scores(method.name) for method in methods}
+        scores = {name: each for name, each in stored.items() if each.values}
+        methods = [method for method in methods if method.name in scores]
+        references = Choice((options.against,)).select(methods) if options.against else []
+        ranked = [*references, *_ranked(methods, scores, protocol["metrics"])]
+        names = list(dict.fromkeys(method.name for method in ranked))[: options.max_methods]
+        shown = [method for method in methods if method.name in names]
+        return cls(results, protocol, scores, shown, next(iter(references), None))
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
         empty = np.full((len(self.protocol["clips"]), 1, self.protocol["num_future"]), np.nan)
         return self.scores[method.name].values.get(metric, empty)
 
-    @property
-    def data(self) -> str:
-        """Return the data set and its split."""
-        return stored_facts.data_name(self.protocol)
-
-
-def title(metric: str) -> str:
-    """Return the name of a metric as a heading."""
-    name = stored_facts.title(metric)
-    return name[:1].upper() + name[1:]
-
-
-def page(
-    kind: str,
-    name: str,
-    subject: str,
-    heading: style.Heading,
-    figure: Figure,
-    formats: tuple[str, ...] = ("png", "svg"),
-) -> Page:
-    """Return the page of a figure; `name` may hold any characters."""
-    stem = re.sub("[^A-Za-z0-9]+", "-", name).strip("-").lower()
-    caption = f"{heading.title}. {heading.subtitle}."
-    return Page(f"{kind}-{stem}", kind, subject, caption, figure, formats)
-
-
-def _step_s(results: Results, num_past: int) -> float | None:
-    """Return the seconds between two horizon steps of kept clips; None if they vary by 10 %."""
-    clips = [results.clip(name) for name, _ in results.clips()]
-    steps_s = [np.diff(clip.times_s[num_past - 1 :]).mean() for clip in clips]
-    if not steps_s or max(steps_s) > 1.1 * min(steps_s):
+    @cached_property
+    def step_s(self) -> float | None:
+        """Return the seconds between two frames, known from the first kept clip."""
+        for name, _ in self.results.clips():
+            return float(np.diff(self.results.clip(name).times_s).mean())
         return None
-    return float(np.mean(steps_s))
+
+
+def uses_ground_truth(marks: str) -> bool:
+    """Return whether a method has more inputs than a camera height, full frames or right frames."""
+    return bool(set(marks) - set("hwr"))
+
+
+def _ranked(
+    methods: Sequence[Method], scores: Mapping[str, Scores], facts: Mapping[str, Any]
+) -> list[Method]:
+    """Return copy-last, the best method without ground truth, and all methods, the best first.
+
+    They are ranked by the first metric of frames with a direction.
+    """
+    metrics = [
+        name
+        for name, about in facts.items()
+        if about["role"] == "frame" and about.get("higher_is_better") is not None
+    ]
+
+    def error(method: Method) -> float:
+        values = scores[method.name].values.get(metrics[0], np.full(1, np.nan))
+        mean = float(statistics.over_clips(values.ravel()).mean)
+        sign = -1 if facts[metrics[0]]["higher_is_better"] else 1
+        return float(np.nan_to_num(sign * mean, nan=np.inf))
+
+    ranked = sorted(methods, key=error) if metrics else methods
+    copies = [method for method in ranked if method.label == "copy-last"]
+    fair = [method for method in ranked if not uses_ground_truth(stored_facts.marks(method))]
+    return [*copies, *[method for method in fair if method not in copies][:1], *ranked]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from geovp_benchmarks.plots import video
+from geovp_benchmarks.plots import Options, Page, clips, video
 from geovp_benchmarks.predict.colmap_model import build_model
 from geovp_benchmarks.predict.prediction import Predicted
 from geovp_classic.data import pose_files
@@ -89,10 +89,14 @@ def _sample_folder(folder: Path, sample: int) -> Path:
 def _write_videos(predicted: Predicted, folder: Path) -> None:
     observed, frames = predicted.context.frames, predicted.prediction.frames[0]
     rows = {"predicted": frames, "real": predicted.actual} | predicted.shown
-    strip = video.film_strip(rows)
-    write_images(folder, ["strip.png"], strip[None])
+    times_s = predicted.context.times_s
+    strip, past = Page("strip"), predicted.context.num_past
+    ahead_s = times_s[past:] - times_s[past - 1]
+    recorded = {name: shown for name, shown in rows.items() if len(shown)}
+    clips.draw_strip(strip, recorded, ahead_s, Options(width_in=8.0))
+    strip.write(folder / "strip.png")
     film = video.film(observed, frames, predicted.actual)
-    rate_hz = 1 / float(np.mean(np.diff(predicted.context.times_s)))
+    rate_hz = 1 / float(np.mean(np.diff(times_s)))
     if importlib.util.find_spec("av"):  # an extra; the gif shows the same
         video.write_mp4(folder / "film.mp4", film, rate_hz)
     video.write_gif(folder / "film.gif", film, rate_hz)

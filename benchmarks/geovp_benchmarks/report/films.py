@@ -2,15 +2,14 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from PIL import Image
 
-from geovp_benchmarks.plots import kept_clips
+from geovp_benchmarks.plots import clips
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.plots.strips import INPAINTED
 from geovp_benchmarks.report.findings import Headline
 from geovp_classic.types import BoolArray, ByteArray
 
@@ -24,7 +23,7 @@ class Film:
     num_frames: int
     aspect_ratio: float
     image: bytes  # WebP
-    mask: bytes | None  # PNG that tints inpainted pixels
+    mask: bytes | None = None  # PNG that tints inpainted pixels
 
 
 @dataclass(frozen=True)
@@ -36,61 +35,59 @@ class ShownClip:
     films: Sequence[Film]
 
 
-def shown_clips(material: Material, headline: Headline) -> list[ShownClip]:
+def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip]:
     """Return the kept clips that have predictions, those with the worst score first."""
-    names = [name for name, _ in material.results.clips()]
-    is_higher_better = headline.column is None or headline.column.higher_is_better
-    sign = 1.0 if is_higher_better else -1.0
-    names.sort(key=lambda name: np.nan_to_num(sign * headline.score(name), nan=np.inf))
-    clips = [ShownClip(name, headline.score(name), _films(material, name)) for name in names]
-    return [clip for clip in clips if len(clip.films) > 1]
+    shown = []
+    for name, _ in material.results.clips():
+        films = _films(material, name)
+        if len(films) > 1:
+            shown.append(ShownClip(name, headline.score(name) if headline else np.nan, films))
+    sign = 1 if headline is None or headline.column.higher_is_better else -1
+    return sorted(shown, key=lambda clip: np.nan_to_num(sign * clip.score, nan=np.inf))
 
 
-def encode_film(frames: ByteArray, width_px: int = 208, quality: int = 60) -> bytes:
-    """Encode frames [K, H, W, 3] from left to right as WebP, each at most `width_px` wide."""
-    sheet = np.concatenate([_small(frame, width_px) for frame in frames], axis=1)
+def encode_film(frames: ByteArray) -> bytes:
+    """Encode frames [K, H, W, 3] from left to right as WebP."""
     buffer = io.BytesIO()
-    Image.fromarray(sheet).save(buffer, "WEBP", quality=quality)
+    Image.fromarray(_sheet(frames)).save(buffer, "WEBP", quality=60)
     return buffer.getvalue()
 
 
-def encode_mask(covered: BoolArray, width_px: int = 208) -> bytes:
+def encode_mask(covered: BoolArray) -> bytes:
     """Encode uncovered pixels [K, H, W] from left to right as PNG, transparent elsewhere."""
-    inpainted = np.where(covered, np.uint8(0), np.uint8(255))
-    sheet = np.concatenate([_small(frame, width_px) > 127 for frame in inpainted], axis=1)
-    image = Image.fromarray(sheet.astype(np.uint8), "P")
-    image.putpalette([0, 0, 0, *INPAINTED])
+    is_inpainted = _sheet(np.where(covered, np.uint8(0), np.uint8(255))) > 127
+    pink = np.array([214, 39, 160, 255], np.uint8)  # a colour that streets do not have
     buffer = io.BytesIO()
-    image.save(buffer, "PNG", transparency=0, bits=1)
+    Image.fromarray(is_inpainted[..., None] * pink).save(buffer, "PNG")
     return buffer.getvalue()
 
 
 def _films(material: Material, name: str) -> list[Film]:
-    clip, past = material.results.clip(name), material.protocol["num_past"]
-    films = [_film("ground truth", [], clip.frames[past - 1 :])]
+    clip, last = material.results.clip(name), material.protocol["num_past"] - 1
+    films = [_film("ground truth", [], clip.frames[last:])]
     for method in material.methods:
-        if name not in dict(material.results.predictions(method.name)):
-            continue
-        prediction = material.results.prediction(method.name, name)
-        frames = np.concatenate([clip.frames[past - 1 : past], prediction.frames[0]])
-        covered = None
-        if prediction.covered is not None and not prediction.covered[0].all():
-            covered = np.pad(prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
-        notes = kept_clips.notes(material, method, name, len(prediction.frames))
-        films.append(_film(method.label, notes, frames, covered))
+        if name in dict(material.results.predictions(method.name)):
+            prediction = material.results.prediction(method.name, name)
+            frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])
+            film = _film(method.label, clips.notes(material, method, name), frames)
+            if prediction.covered is not None and not prediction.covered[0].all():
+                covered = np.pad(
+                    prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True
+                )
+                film = replace(film, mask=encode_mask(covered))
+            films.append(film)
     return films
 
 
-def _film(
-    name: str, notes: Sequence[str], frames: ByteArray, covered: BoolArray | None = None
-) -> Film:
+def _film(name: str, notes: Sequence[str], frames: ByteArray) -> Film:
     num_frames, height_px, width_px = frames.shape[:3]
-    mask = None if covered is None else encode_mask(covered)
-    return Film(name, notes, num_frames, width_px / height_px, encode_film(frames), mask)
+    return Film(name, notes, num_frames, width_px / height_px, encode_film(frames))
 
 
-def _small(image: ByteArray, width_px: int) -> ByteArray:
-    """Shrink an image to a width."""
-    scale = min(1.0, width_px / image.shape[1])
-    size_px = round(image.shape[1] * scale), max(1, round(image.shape[0] * scale))
-    return np.asarray(cv2.resize(image, size_px, interpolation=cv2.INTER_AREA), np.uint8)
+def _sheet(frames: ByteArray, width_px: int = 208) -> ByteArray:
+    """Return frames [K, H, W, ...] side by side, each at most `width_px` wide."""
+    num_frames, full_height_px, full_width_px = frames.shape[:3]
+    scale = min(1.0, width_px / full_width_px)
+    size_px = num_frames * round(scale * full_width_px), max(1, round(scale * full_height_px))
+    sheet = np.concatenate(list(frames), axis=1)
+    return np.asarray(cv2.resize(sheet, size_px, interpolation=cv2.INTER_AREA), np.uint8)

@@ -59,14 +59,8 @@ if (clips.length) {
     when.textContent = k ? `+${k}` + (seconds ? ` (${(k * seconds).toFixed(1)} s)` : "") : "last observed";
   };
   const showPair = () => {
-    const layers = [left, right].map((select) => {
-      const film = films()[select.selectedIndex], layer = document.createElement("div");
-      layer.style.setProperty("--frames", film.dataset.frames);
-      layer.append(...all("img", film).map((image) => image.cloneNode()));
-      byId("compared").style.aspectRatio = film.querySelector(".frame").style.aspectRatio;
-      return layer;
-    });
-    byId("compared").replaceChildren(...layers);
+    const pair = [left, right].map((select) => films()[select.selectedIndex].cloneNode(true));
+    byId("compared").replaceChildren(...pair);
   };
   const showClip = () => {
     clips.forEach((clip, i) => { clip.hidden = i !== choice.selectedIndex; });
@@ -84,7 +78,6 @@ if (clips.length) {
   choice.addEventListener("input", showClip);
   step.addEventListener("input", showStep);
   [left, right].forEach((select) => select.addEventListener("input", showPair));
-  byId("divider").addEventListener("input", (event) => byId("compared").style.setProperty("--divider", `${event.target.value}%`));
   byId("inpainted").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
   let timer = 0;
   const advance = () => { step.value = (Number(step.value) + 1) % (Number(step.max) + 1); showStep(); };

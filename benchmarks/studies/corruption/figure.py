@@ -20,16 +20,16 @@ def corruption_figure(
     lines = style.line_styles([(name.split()[0], name.split()[1]) for name in methods])
     with mpl.style.context(style.SHEET):
         size_in = 1.5 * num_columns, 1.05 * num_rows
-        figure = Figure(figsize=size_in, dpi=style.PRINT_DPI, layout="constrained")
+        figure = Figure(figsize=size_in, dpi=300, layout="constrained")
         panels = figure.subplots(num_rows, num_columns, sharex=True, sharey=True, squeeze=False)
         for axes in panels.flat[len(gains_db) :]:
             axes.set_visible(False)
         for axes, (name, gains) in zip(panels.flat, gains_db.items(), strict=False):
             axes.set_title(name, fontsize=6.5)
-            axes.axhline(0, color=style.FAINT, linewidth=0.8)
+            axes.axhline(0, color="0.5", linewidth=0.8)
             levels = np.broadcast_to(gains, (4, len(methods)))
             for line, values, label in zip(lines, levels.T, methods, strict=True):
-                axes.plot(range(1, 5), values, **line.kwargs(1.0), label=label)
+                axes.plot(range(1, 5), values, **line, linewidth=1.0, label=label)
         figure.supxlabel("severity", fontsize=7)
         figure.supylabel("dB over copying the last frame", fontsize=7)
         handles, labels = panels[0, 0].get_legend_handles_labels()

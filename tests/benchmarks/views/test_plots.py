@@ -1,362 +1,315 @@
-"""Figures say what the rows say, look the same every time, and can be told apart in colour, in grey
-and by name.
-"""
+"""Figures show the stored scores, and can be told apart in colour, in grey and by name."""
 
-import io
-import itertools
 import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.text import Text
-from PIL import Image
 
-from geovp_benchmarks import plots
+from geovp_benchmarks import cli, plots
 from geovp_benchmarks.analysis import intervals
-from geovp_benchmarks.plots import Page, curves, strips, style, trajectories
-from geovp_benchmarks.plots.layout import width_in
+from geovp_benchmarks.plots import Options, Page, clips, horizon, style
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Motion, Trajectory
+from tests.benchmarks.conftest import Command
+from tests.benchmarks.views.conftest import KEPT
 
-SIDE = 16
 CLIP = "01-a-b-0-9-x-y"
-HEADING = style.Heading("t", "s")
+
+
+def draw(folder: Path, options: Options) -> dict[str, Page]:
+    return {page.stem: page for page, _ in plots.write_all(Results(folder), options)}
 
 
 @pytest.fixture(scope="module")
 def pages(folder: Path) -> dict[str, Page]:
-    return {page.name: page for page in plots.figures(Results(folder))}
+    return draw(folder, Options())
 
 
-@pytest.fixture(scope="module")
-def written(folder: Path) -> list[Path]:
-    return [path for _, files in plots.write_all(Results(folder)) for path in files]
+@pytest.fixture
+def copied(folder: Path, tmp_path: Path) -> Path:
+    """Return the results folder without figures."""
+    return Path(shutil.copytree(folder, tmp_path / "r", ignore=shutil.ignore_patterns("plots")))
 
 
-@pytest.fixture(scope="module")
-def narrow(folder: Path) -> dict[str, Page]:
-    return {
-        page.kind: page
-        for page in plots.figures(Results(folder), layout=plots.Layout(("pdf",), 3.3, False))
-    }
+def texts(page: Page) -> str:
+    return "\n".join(text.get_text() for text in page.figure.findobj(Text))  # type: ignore[arg-type]
 
 
-def texts(figure: Figure) -> str:
-    return "\n".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))  # type: ignore[attr-defined]
+def legend(page: Page) -> list[str]:
+    return [text.get_text().replace("\n", " ") for text in page.figure.legends[0].get_texts()]
 
 
-class TestWriteAll:
-    def test_one_page_per_metric_and_per_kept_clip(self, written: list[Path]) -> None:
-        names = [
-            "horizon-psnr",
-            "horizon-translation-error",
-            "samples-psnr",
-            "samples-translation-error",
-        ]
-        names += ["strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
+def lines(page: Page) -> list[FloatArray]:
+    return [np.asarray(line.get_ydata(), float) for line in page.figure.axes[0].lines]
+
+
+class TestFiles:
+    def test_a_figure_per_metric_and_two_per_kept_clip(
+        self, folder: Path, pages: dict[str, Page]
+    ) -> None:
+        names = ["horizon-psnr", "horizon-translation-error", f"strip-{CLIP}", f"paths-{CLIP}"]
+        # final-gap has a value at the last step alone: no curve
+        assert pages.keys() == {*names, "horizon-psnr-covered"}
+        files = {path.name for path in (folder / "plots").iterdir()}
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
-        assert not any(
-            "final-gap" in path.name for path in written
-        )  # known at the last step alone: no curve
-        assert {path.name for path in written} == both | {
-            "inpainted-01-a-b-0-9-x-y.png",
-            "horizon-psnr-covered.svg",
-        }
-        assert all(path.stat().st_size > 0 for path in written)
+        assert files == {*both, "horizon-psnr-covered.svg"}
 
-    def test_words_are_words_in_the_svg(self, folder: Path, written: list[Path]) -> None:
+    def test_words_are_words_in_the_svg(self, folder: Path, pages: dict[str, Page]) -> None:
         svg = (folder / "plots" / "horizon-psnr.svg").read_text()
-        for word in (
-            "gt + far",
-            "_vo + far (only 2 of 3 clips)",
-            "kalman + far, best of 3",
-            "copy-last",
-            "0.5 s",
-        ):
-            assert word in svg
-        assert "PSNR (dB)    ↑ higher is better" in svg
-        assert "mean of 3 clips, with 95 % intervals" in svg
-        assert (
-            "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
-        )
-        assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
+        for words in ("gt + far", "copy-last", "PSNR (dB) ↑", "mean of 3 clips with 95 %"):
+            assert words in svg
+        strip = (folder / "plots" / f"strip-{CLIP}.svg").read_text()
+        assert "a/b[0:9) &lt;x&gt; &amp; $y" in strip
 
-    def test_chosen_methods_and_metrics_alone_are_drawn(self, folder: Path) -> None:
-        choice = Choice(("copy-last",), ("psnr",))
-        (page,) = (
-            page for page in plots.figures(Results(folder), choice=choice) if page.kind == "horizon"
-        )
-        assert page.subject == "psnr"
-        (line,) = (line for line in page.figure.axes[0].lines if len(line.get_xdata()) == 6)
-        assert "copy-last" in {text.get_text() for text in page.figure.findobj(Text)}
-        np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 7))
+    def test_selected_methods_and_metrics_alone_are_drawn(self, copied: Path) -> None:
+        choice = Choice(["gt + far", "copy-last"], ["psnr"])
+        selected = draw(copied, Options(choice))
+        assert [name for name in selected if name.startswith("horizon")] == ["horizon-psnr"]
+        assert legend(selected["horizon-psnr"]) == ["gt + far", "copy-last"]
+        assert "kalman" not in texts(selected[f"strip-{CLIP}"])
 
-    def test_outdated_figures_go_and_foreign_files_stay(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(
-            folder,
-            tmp_path / "r",
-            ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names},
-        )
-        (tmp_path / "r" / "plots").mkdir()
-        old, foreign = (
-            tmp_path / "r" / "plots" / "horizon-ssim-2.png",
-            tmp_path / "r" / "plots" / "mine.png",
-        )
+    def test_outdated_figures_go_and_foreign_files_stay(self, copied: Path) -> None:
+        shutil.rmtree(copied / "clips")
+        (copied / "plots").mkdir()
+        old, foreign = copied / "plots" / "horizon-ssim-2.png", copied / "plots" / "mine.png"
         old.touch()
         foreign.touch()
         told: list[tuple[int, int]] = []
-        list(
-            plots.write_all(Results(tmp_path / "r"), lambda done, total: told.append((done, total)))
-        )
+        list(plots.write_all(Results(copied), Options(), lambda *count: told.append(count)))
         assert not old.exists()
         assert foreign.exists()
-        assert told == [
-            (done, 5) for done in range(1, 6)
-        ]  # three metrics over horizon, two over samples
+        assert told == [(done, 4) for done in range(1, 5)]  # metrics
+
+    def test_only_the_format_asked_for_is_written(self, copied: Path, command: Command) -> None:
+        shutil.rmtree(copied / "clips")
+        kept = copied / "plots" / "horizon-psnr.png"
+        kept.parent.mkdir()
+        kept.touch()
+        ended = command("plot", copied, "--format", "svg")
+        assert {Path(line).suffix for line in ended.out.split()} == {".svg"}
+        assert kept.exists()
 
 
-class TestCurves:
+class TestHorizon:
     def test_means_and_bars_are_the_statistics(self, pages: dict[str, Page]) -> None:
         """PSNR of three clips at step 3 is 17, 18, 19: mean 18, with the interval of tables."""
-        axes = pages["horizon-psnr"].figure.axes[0]
-        line, bars = axes.lines[0], axes.collections[0]
-        np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
-        (_, low), (_, high) = bars.get_segments()[0]
+        page = pages["horizon-psnr"]
+        np.testing.assert_allclose(lines(page)[0], 21.0 - np.arange(1, 7))
+        bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
+        (_, low), (_, high) = bars[0]
         expected = intervals.interval(np.array([17.0, 18.0, 19.0]), np.array(["a", "", ""]))
         np.testing.assert_allclose([low, high], [expected.low, expected.high])
         assert expected.low < 18 - 1 / np.sqrt(3)  # wider than one standard error
-        lefts = [bars.get_segments()[0][0][0] for bars in axes.collections]
+        bars = [bar for bar in bars if len(bar)]
+        assert len(bars) == 2 * 4  # in the middle and at the end; _vo has too few clips
+        lefts = [bar[0][0] for bar in bars[::2]]
         assert sorted(set(lefts)) == lefts  # beside one another
-        assert all(len(bars.get_segments()) == 2 for bars in axes.collections)
-
-    def test_equal_lines_show_beside_each_other(self) -> None:
-        line = curves.Curve.of("a", np.ones((4, 6)), ["x"] * 4, (0, 2), style.GROUND_TRUTH)
-        labels = curves.AxisLabels("t", "", None, None)
-        figure = curves.draw([line, replace(line, label="b")], labels, HEADING, style.Layout())
-        below, above = figure.axes[0].lines
-        assert below.get_linewidth() > above.get_linewidth()
-
-    def test_at_most_twelve_lines_and_a_legend_inside_the_figure(
-        self, pages: dict[str, Page], folder: Path
-    ) -> None:
-        layout = style.Layout(max_lines=2, width_in=3.0)
-        (page,) = (
-            page
-            for page in plots.figures(Results(folder), layout=layout)
-            if page.name == "horizon-psnr"
-        )
-        assert "best 2 of 5 lines" in texts(page.figure).replace("\n", " ")
-        for drawn in (page, pages["horizon-psnr"]):
-            plots.rendered(drawn, "png")
-            figure = drawn.figure
-            (legend,) = figure.legends
-            box, whole = legend.get_window_extent(), figure.bbox
-            assert whole.x0 <= box.x0 < box.x1 <= whole.x1
-            assert whole.y0 <= box.y0 < box.y1 <= figure.axes[0].get_window_extent().y0
-
-    def test_many_lines_have_no_intervals(self, folder: Path) -> None:
-        layout = style.Layout(max_intervals=4)  # for five lines
-        (page,) = (
-            page
-            for page in plots.figures(Results(folder), layout=layout)
-            if page.name == "horizon-psnr"
-        )
-        axes = page.figure.axes[0]
-        assert len(axes.collections) == 0
-        np.testing.assert_allclose(axes.lines[0].get_ydata(), 21.0 - np.arange(1, 7))
-        assert "intervals" not in texts(page.figure)
 
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
-        """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best
-        2 dB.
-        """
-        lines = pages["horizon-psnr"].figure.axes[0].lines
-        single, mean, best = (np.asarray(lines[i].get_ydata()) for i in (0, 2, 3))
+        """Samples 0, 1, 2 score 0, 1, 2 dB more than a method with a single one."""
+        page = pages["horizon-psnr"]
+        assert legend(page)[2:4] == ["kalman + far, mean of 3", "kalman + far, best of 3"]
+        single, _, mean, best, _ = lines(page)
         np.testing.assert_allclose(mean - single, 1.0)
         np.testing.assert_allclose(best - single, 2.0)
 
-    def test_the_best_of_k_has_a_line_for_every_method_with_samples(
-        self, pages: dict[str, Page]
-    ) -> None:
-        """The first sample has 21 - step, 17.5 dB on average; the others 1 and 2 dB more: of pairs
-        (1 + 2 + 2) / 3.
-        """
-        axes = pages["samples-psnr"].figure.axes[0]
-        line = axes.lines[0]
-        np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
-        np.testing.assert_allclose(line.get_ydata(), 17.5 + np.array([1.0, 5 / 3, 2.0]))
-        assert axes.get_xlabel() == "number of samples k"
-        assert "over clips" in texts(pages["samples-psnr"].figure)
-        assert "gt" not in texts(pages["samples-psnr"].figure).split()
+    def test_a_label_says_where_clips_are_missing(self, pages: dict[str, Page]) -> None:
+        assert legend(pages["horizon-psnr"])[1] == "_vo + far (only 2 of 3 clips)"
 
     def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
-        words = texts(pages["horizon-translation-error"].figure)
-        assert "gt" in words.split("\n")
-        assert "far" not in words
-        assert "copy-last" not in words
+        words = legend(pages["horizon-translation-error"])
+        assert words[0] == "gt"
+        assert not [word for word in words if "far" in word or "copy-last" in word]
 
     def test_steps_without_a_value_end_the_line(self, pages: dict[str, Page]) -> None:
-        figure = pages["horizon-psnr-covered"].figure
-        np.testing.assert_allclose(
-            figure.axes[0].lines[0].get_ydata(), [29, 28, 27, 26, np.nan, np.nan]
-        )
-        assert "copy-last" not in texts(figure)
+        page = pages["horizon-psnr-covered"]
+        np.testing.assert_allclose(lines(page)[0], [29, 28, 27, 26, np.nan, np.nan])
+        assert "copy-last" not in legend(page)
 
+    def test_differences_are_paired(self, copied: Path) -> None:
+        """All have the scores of copy-last, but samples 1 and 2 are 1 and 2 dB better.
 
-@pytest.mark.parametrize(("width", "count"), [(None, 5), (3.3, 3)])
-def test_no_words_of_a_strip_lie_upon_others(width: float | None, count: int) -> None:
-    frame = np.zeros((64, 64, 3), np.uint8)
-    frames = np.stack([frame] * count)
-    truth = strips.Truth(frame, frames, range(1, count + 1), np.arange(1.0, count + 1))
-    label, note = "vo+prior-refined + ground-far-plane", "PSNR 20 dB\nSSIM 0.5"
-    rows = [strips.Strip(label, "" if width else note, frames) for _ in range(3)]
-    with matplotlib.style.context(style.SHEET):
-        figure = strips.draw(truth, rows, HEADING, style.Layout(width_in=width))
-        figure.canvas.draw()
-    shown = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
-    assert not [(a, b) for a, b in itertools.combinations(shown, 2) if a.overlaps(b)]
+        Clips a and b alone are common with _vo. Figures without poses of copy-last are left out.
+        """
+        against = draw(copied, Options(against="copy-last"))
+        assert against.keys() == {"against-horizon-psnr"}
+        page = against["against-horizon-psnr"]
+        labels = [label.partition(" (")[0] for label in legend(page)]
+        gains = dict(zip(labels, (line[-1] for line in lines(page)[:4]), strict=True))
+        expected = {"gt + far": 0, "_vo + far": 0}
+        expected |= {"kalman + far, mean of 3": 1, "kalman + far, best of 3": 2}
+        assert gains == pytest.approx(expected)
+        bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
+        np.testing.assert_allclose(bars[-1][:, 1], 2.0)  # the same gain on each clip
+
+    def test_equal_lines_show_beside_each_other(self) -> None:
+        curves = [
+            horizon.Curve(label, np.ones((4, 20)), ["x"] * 4, (0, 2), {"color": "C0"})
+            for label in "ab"
+        ]
+        page = Page("t")
+        horizon.draw(page, curves, Options())
+        below, above = page.figure.axes[0].lines
+        assert below.get_linewidth() > above.get_linewidth()
+        assert below.get_markevery() != above.get_markevery()
+
+    def test_few_methods_with_copy_last_and_the_best_without_truth(self, copied: Path) -> None:
+        """Kalman is 1 dB better than the others and has no privileged input."""
+        page = draw(copied, Options(max_methods=2, width_in=3.0))["horizon-psnr"]
+        assert [label.split(",")[0] for label in legend(page)] == ["kalman + far"] * 2 + [
+            "copy-last"
+        ]
+        page = draw(copied, Options(max_methods=2))["horizon-psnr"]
+        assert "2 of 4 methods" in texts(page)
+
+    @pytest.mark.parametrize("width_in", [None, 2.5, 3.3])
+    def test_the_legend_lies_inside_the_figure(self, copied: Path, width_in: float | None) -> None:
+        shutil.rmtree(copied / "clips")
+        for page in draw(copied, Options(width_in=width_in)).values():
+            page.figure.canvas.draw()
+            box, whole = page.figure.legends[0].get_window_extent(), page.figure.bbox
+            assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+            assert whole.y0 <= box.y0 < box.y1 <= page.figure.axes[0].get_window_extent().y0
+
+    def test_many_lines_have_no_intervals(self, copied: Path) -> None:
+        page = draw(copied, Options(max_intervals=4))["horizon-psnr"]  # for five lines
+        assert len(page.figure.axes[0].collections) == 0
+        np.testing.assert_allclose(lines(page)[0], 21.0 - np.arange(1, 7))
+        assert "intervals" not in texts(page)
 
 
 class TestStrips:
-    def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
-        """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row
-        + horizon.
-        """
-        (drawn,) = pages[f"strip-{CLIP}"].figure.axes[0].images
-        sheet = np.asarray(drawn.get_array())
-        gap = 1
-        assert sheet.shape == (5 * SIDE + 4 * gap, 3 * SIDE + 2 * gap, 3)
-        corner = sheet[:: SIDE + gap, :: SIDE + gap, 0]
-        np.testing.assert_array_equal(
-            corner, [[202, 203, 207], [255, 1, 5], [255, 11, 15], [255, 21, 25], [255, 31, 35]]
-        )
-
-    def test_the_file_shows_them_the_right_way_up(self) -> None:
-        """Red above green."""
-        frame = np.zeros((300, 300, 3), np.uint8)
-        frame[:150, :, 0], frame[150:, :, 1] = 255, 255
-        truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-        strip = strips.Strip("m", "", frame[None])
-        figure = strips.draw(truth, [strip], HEADING, style.Layout())
-        page = Page("x", "strip", "c", "", figure, ("png",))
-        image = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
-        red, green = ((image == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
-        assert red.sum() == pytest.approx(green.sum(), rel=0.02)
-        assert np.argwhere(red)[0, 0] < np.argwhere(green)[0, 0]
-
-    def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
-        """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
-        words = texts(pages[f"strip-{CLIP}"].figure)
-        for word in (
+    def test_rows_hold_the_frames_and_are_named_and_scored(self, pages: dict[str, Page]) -> None:
+        """Truth is 202 + step, predictions 10 * row + step; 16.5 dB is the mean of 19 .. 14."""
+        axes = pages[f"strip-{CLIP}"].figure.axes
+        assert [panel.get_title(loc="left") for panel in axes] == [
             "ground truth",
-            "last\nobserved",
-            "+5\n0.5 s",
-            "gt + far",
-            "PSNR 16.5 dB",
-        ):
-            assert word in words
-        assert "sample 1 of 3" in words
+            "gt + far: PSNR 16.5 dB",
+            "_vo + far: PSNR 16.5 dB",
+            "kalman + far: sample 1 of 3, PSNR 16.5 dB",
+            "copy-last: PSNR 16.5 dB",
+        ]
+        for first, panel in zip((202, 0, 10, 20, 30), axes, strict=True):
+            sheet = np.asarray(panel.images[0].get_array())
+            np.testing.assert_array_equal(sheet[8, 8::17, 0], first + np.arange(1, 7))
+        heads = [label.get_text() for label in axes[-1].get_xticklabels()]
+        assert heads[4] == "+5, 0.5 s"
 
-    def test_only_inpainted_pixels_are_tinted(self) -> None:
-        frames = np.full((1, 2, 2, 3), 100, np.uint8)
-        covered = np.array([[[True, False], [True, True]]])
-        tinted = strips.mark_inpainted(strips.Strip("x", "", frames, covered)).frames
-        np.testing.assert_array_equal(tinted[covered], 100)
-        np.testing.assert_array_equal(
-            tinted[~covered], [(0.35 * 100 + 0.65 * np.array(strips.INPAINTED)).astype(int)]
-        )
+    def test_a_row_ends_where_its_frames_end(self) -> None:
+        page, frames = Page("strip"), np.zeros((4, 8, 8, 3), np.uint8)
+        rows = {"predicted": frames, "real": frames[:2]}
+        clips.draw_strip(page, rows, np.arange(1.0, 5), Options(width_in=3.3))
+        whole, short = (np.asarray(panel.images[0].get_array()) for panel in page.figure.axes)
+        assert (whole[4, 4::9, 0] == 0).all()
+        np.testing.assert_array_equal(short[4, 4::9, 0], [0, 0, 255, 255])
 
 
-class TestTrajectories:
-    def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self) -> None:
-        """The last camera looks along the world's x axis; 2 m ahead of it and 1 m to its right,
-        where z is -1.
-        """
-        yaw = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-        world_from_last = se3.compose(yaw, np.array([5.0, 0, 0]))
-        there = se3.compose(yaw, np.array([7.0, 0, -1]))
-        np.testing.assert_allclose(
-            trajectories.from_above(there, world_from_last), [2.0, -1.0], atol=1e-12
-        )
-
+class TestPaths:
     def test_paths_are_drawn_true_to_scale(self, pages: dict[str, Page]) -> None:
         """1 m a step for six steps; 1.2 m a step; scale-free ones get the true past's length."""
-        figure = pages[f"paths-{CLIP}"].figure
-        axes = figure.axes[0]
+        page = pages[f"paths-{CLIP}"]
+        axes = page.figure.axes[0]
         assert axes.get_aspect() == 1.0
-        (legend,) = figure.legends
-        names = [text.get_text() for text in legend.get_texts()]
-        assert names == [
-            "past",
-            "ground truth",
-            "gt",
-            "_vo (scaled to the true path)",
-            "kalman",
-            "last observed camera",
-        ]
-        ends = {
-            round(float(np.asarray(line.get_xdata())[-1]), 6)
-            for line in axes.lines
-            if len(line.get_xdata()) == 7
-        }
-        assert ends == {6.0, 7.2}
+        names = ["past", "ground truth", "gt", "_vo (scaled to the true path)", "kalman"]
+        assert legend(page) == [*names, "last observed camera"]
+        x = [np.asarray(line.get_xdata(), float) for line in axes.lines]
+        ends = [round(float(path[-1]), 6) for path in x if len(path) == 7]
+        assert ends == [6.0, 6.0, 6.0, 7.2, 7.2, 7.2]  # each of three samples has its line
 
-    def test_a_clip_without_poses_has_no_paths(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots"} & {*names})
-        results = Results(tmp_path / "r")
-        clip = results.clip(results.clips()[0][0])
-        results.write_clip(type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics))
-        drawn = [
-            page.kind for page in plots.figures(results) if page.kind not in ("horizon", "samples")
-        ]
-        assert drawn == ["strip", "inpainted"]
+    def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self, copied: Path) -> None:
+        """The last camera looks along the world's x axis; then 2 m ahead and 1 m to its right."""
+        yaw = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+        positions = np.array([[4, 0, 0], [5, 0, 0], *[[7, 0, -1]] * 7], float)
+        poses = np.stack([se3.compose(yaw, position) for position in positions])
+        results = Results(copied)
+        results.write_protocol({**results.protocol(), "num_past": 2, "num_future": 7})
+        clip = results.clip(KEPT)
+        results.write_clip(
+            replace(clip, trajectory=Trajectory(poses, clip.times_s, is_metric=True))
+        )
+        prediction = results.prediction("gt--far", KEPT)
+        motion = Motion(
+            Trajectory(poses[:2], clip.times_s[:2], is_metric=True),
+            poses[None, 2:],
+            np.ones(2, bool),
+        )
+        frames = prediction.frames[:, [0, *range(6)]]
+        results.write_prediction(
+            "gt--far", KEPT, replace(prediction, frames=frames, covered=None, motion=motion)
+        )
+        page = draw(copied, Options(Choice(["gt + far"])))[f"paths-{CLIP}"]
+        for line in page.figure.axes[0].lines[1:3]:
+            np.testing.assert_allclose(line.get_xydata()[[0, -1]], [[0, 0], [2, -1]], atol=1e-12)
+
+    def test_a_clip_without_poses_has_no_paths(self, copied: Path) -> None:
+        results = Results(copied)
+        results.write_clip(replace(results.clip(KEPT), trajectory=None))
+        kinds = {name.partition("-")[0] for name in draw(copied, Options())}
+        assert kinds == {"horizon", "strip"}
 
 
-class TestLayout:
-    """`geovp plot --format pdf --width 3.3in --no-title`."""
+class TestPaper:
+    """`geovp plot --format pdf --width 3.3in`."""
 
-    @pytest.mark.parametrize("kind", ["horizon", "strip", "paths"])
-    def test_a_pdf_has_the_width_and_no_type_3_font(
-        self, narrow: dict[str, Page], kind: str
-    ) -> None:
-        """72 points an inch; text is laid out a little differently on paper and on screen."""
-        content = plots.rendered(narrow[kind], "pdf")
-        (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", content)
-        assert float(width_pt) == pytest.approx(3.3 * 72, abs=2)
-        assert b"/Type3" not in content
-        assert b"/FontFile2" in content
-        assert narrow[kind].formats == ("pdf",)
+    def test_a_pdf_has_the_width_legible_text_and_no_type_3_font(self, copied: Path) -> None:
+        """72 points an inch."""
+        for page in draw(copied, Options(formats=("pdf",), width_in=3.3)).values():
+            content = (copied / "plots" / f"{page.stem}.pdf").read_bytes()
+            (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", content)
+            assert float(width_pt) == pytest.approx(3.3 * 72, abs=0.1)
+            assert b"/Type3" not in content
+            assert b"/FontFile2" in content
+            shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
+            assert min(text.get_fontsize() for text in shown) >= 6
+            assert page.title not in texts(page).split("\n")
+
+    def test_words_of_a_strip_do_not_overlap(self, tmp_path: Path) -> None:
+        page, frames = Page("strip"), np.zeros((20, 50, 160, 3), np.uint8)
+        rows = {f"vo+prior-refined + ground-far-plane {k}": frames for k in range(4)}
+        clips.draw_strip(page, rows, np.arange(1.0, 21), Options(width_in=3.3))
+        page.write(tmp_path / "strip.png")
+        shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
+        boxes = [text.get_window_extent() for text in shown]
+        boxes = [box for box in boxes if box.width > 1]  # others are not drawn
+        assert len(boxes) == 4 + 4
+        boxes += [panel.get_window_extent() for panel in page.figure.axes]
+        assert not [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)]
 
     @pytest.mark.parametrize(
         ("text", "inches"), [("3.3in", 3.3), ("84mm", 3.307), ("240pt", 3.321), ("3.5", 3.5)]
     )
-    def test_lengths(self, text: str, inches: float) -> None:
-        assert width_in(text) == pytest.approx(inches, abs=1e-3)
+    def test_lengths(self, copied: Path, command: Command, text: str, inches: float) -> None:
+        shutil.rmtree(copied / "clips")
+        words = ("--metrics", "psnr", "--format", "pdf", "--width", text)
+        (path,) = command("plot", copied, *words).out.split()
+        (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", Path(path).read_bytes())
+        assert float(width_pt) / 72 == pytest.approx(inches, abs=2e-3)
 
-    def test_only_the_format_asked_for_is_written(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(
-            folder, tmp_path / "r", ignore=lambda at, names: {"clips", "plots"} & {*names}
-        )
-        kept = tmp_path / "r" / "plots" / "horizon-psnr.png"
-        kept.parent.mkdir()
-        kept.touch()
-        files = [
-            path
-            for _, each in plots.write_all(Results(tmp_path / "r"), layout=plots.Layout(("svg",)))
-            for path in each
-        ]
-        assert {path.suffix for path in files} == {".svg"}
-        assert kept.exists()
+    @pytest.mark.parametrize("text", ["wide", "3 miles", "1in"])
+    def test_a_bad_length_is_refused(
+        self, folder: Path, capsys: pytest.CaptureFixture[str], text: str
+    ) -> None:
+        with pytest.raises(SystemExit):
+            cli.main(["plot", str(folder), "--width", text])
+        assert text in capsys.readouterr().err
 
 
-class TestStyle:
-    def test_colour_says_the_pose_source_and_dash_the_renderer(self) -> None:
-        a_r, a_q, b_r, b_q = style.line_styles([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
-        assert a_r.colour == a_q.colour != b_r.colour == b_q.colour
-        assert a_r.dash == b_r.dash != a_q.dash == b_q.dash
+def test_colour_encodes_the_pose_source_and_dash_the_renderer() -> None:
+    a_r, a_q, b_r, b_q = style.line_styles([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
+    assert a_r["color"] == a_q["color"] != b_r["color"] == b_q["color"]
+    assert a_r["linestyle"] == b_r["linestyle"] != a_q["linestyle"] == b_q["linestyle"]
+
+
+def test_twelve_predictors_differ_in_colour_or_dash() -> None:
+    looks = style.line_styles([(name, "") for name in "abcdefghijkl"])
+    with matplotlib.style.context(style.SHEET):
+        colours = matplotlib.rcParams["axes.prop_cycle"].by_key()["color"]
+    kinds = {(int(look["color"][1:]) % len(colours), str(look["linestyle"])) for look in looks}
+    assert len(kinds) == 12

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.plots import recording
 from geovp_benchmarks.results.store import Results
 from geovp_classic import registry
-from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.views.conftest import FUTURE, KEPT, PAST, fill
 
@@ -62,11 +60,10 @@ class TestFile:
         }
 
 
-def test_what_was_not_kept_is_one_sentence(results: Results) -> None:
-    with pytest.raises(BadData, match="no clip 'd' is kept in"):
-        recording.read(results, "d")
-    with pytest.raises(BadData, match="no method 'copy-lst' is kept: did you mean 'copy-last'"):
-        recording.read(results, KEPT, ["copy-lst"])
+def test_what_was_not_kept_is_one_sentence(results: Results, refused: Says) -> None:
+    assert "only the predictions of a few clips are kept" in refused("view", results.root, "d")
+    words = refused("view", results.root, KEPT, "--methods", "copy-lst")
+    assert "did you mean 'copy-last'" in words
 
 
 def test_without_rerun_it_says_what_to_install(

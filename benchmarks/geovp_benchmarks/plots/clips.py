@@ -1,0 +1,118 @@
+"""Film strips and paths of kept clips."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.style import context
+
+from geovp_benchmarks.plots.material import Material
+from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
+from geovp_benchmarks.results import stored_facts
+from geovp_benchmarks.results.store import Method
+from geovp_classic.geometry import se3
+from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
+
+
+@context(SHEET)
+def clip_pages(material: Material, number: int, name: str, options: Options) -> list[Page]:
+    """Draw the figures of one clip; its number keeps file names apart."""
+    clip, past = material.results.clip(name), material.protocol["num_past"]
+    rows = {"ground truth": clip.frames[past:]}
+    motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
+    for method in material.methods:
+        if name not in dict(material.results.predictions(method.name)):
+            continue
+        prediction = material.results.prediction(method.name, name)
+        text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
+        rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
+        if prediction.motion is not None:
+            motions.setdefault(method.pose_source or method.label, prediction.motion)
+    data, pages = stored_facts.data_name(material.protocol), []
+    if len(rows) > 1:
+        pages.append(Page(f"strip-{number:02d}-{name}", name, f"Clip {name}", data))
+        draw_strip(pages[-1], rows, clip.times_s[past:] - clip.times_s[past - 1], options)
+    if clip.trajectory is not None and motions:
+        title = f"Paths of clip {name} from above"
+        pages.append(Page(f"paths-{number:02d}-{name}", name, title, data))
+        _draw_paths(pages[-1], clip.trajectory, past, motions, options)
+    return pages
+
+
+def notes(material: Material, method: Method, clip: str) -> list[str]:
+    """Return the scores of the first sample on a clip."""
+    notes = [f"sample 1 of {method.num_samples}"] if method.num_samples > 1 else []
+    place = material.protocol["clips"].index(clip)
+    for metric, facts in material.protocol["metrics"].items():
+        values = material.values(method, metric)[place, 0]
+        is_score = facts["role"] == "frame" and facts.get("higher_is_better") is not None
+        if is_score and np.isfinite(values).any():
+            notes.append(
+                f"{stored_facts.title(metric)} {np.nanmean(values):#.3g} {facts['unit']}".strip()
+            )
+    return notes
+
+
+@context(SHEET)
+def draw_strip(
+    page: Page,
+    rows: Mapping[str, ByteArray],  # [F' <= F, H, W, 3] by label
+    ahead_s: FloatArray,  # [F], seconds after the last observed frame
+    options: Options,
+) -> None:
+    """Draw frames at evenly spaced steps below the label of a row, which ends with its frames."""
+    blank = np.full_like(next(iter(rows.values()))[0], 255)
+    height_px, width_px = blank.shape[:2]
+    width_in = options.width_in or 6.8
+    num_steps = min(len(ahead_s), 6, int(width_in / 0.75))
+    steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int).tolist()
+    height_in = len(rows) * (width_in / num_steps * height_px / width_px + 0.17) + 0.3
+    gap_px = max(1, width_px // 40)
+    for axes, label in zip(
+        page.add_axes(width_in, height_in, options, len(rows)), rows, strict=True
+    ):
+        shown = [rows[label][k - 1] if k <= len(rows[label]) else blank for k in steps]
+        pad = (0, 0), (0, gap_px), (0, 0)
+        tiles = [np.pad(frame, pad, constant_values=255) for frame in shown]
+        axes.imshow(np.concatenate(tiles, axis=1))
+        axes.set_title(label, loc="left")
+        axes.set(frame_on=False, xticks=[], yticks=[])
+        axes.tick_params(length=0, grid_alpha=0)
+    heads = [f"+{k}, {ahead_s[k - 1]:.1f} s" for k in steps]
+    axes.set_xticks(np.arange(num_steps) * (width_px + gap_px) + width_px / 2, heads)
+
+
+def _draw_paths(
+    page: Page, actual: Trajectory, past: int, motions: Mapping[str, Motion], options: Options
+) -> None:
+    """Draw the true and predicted paths from above with equal scales; samples are thin lines.
+
+    Motions of unknown scale cover the true distance in the past.
+    """
+    (axes,) = page.add_axes(4.8, 3.4, options)
+    truth = _from_above(actual.world_from_cam, past - 1)
+    (past_line,) = axes.plot(*truth[:past].T, color="0.85", linewidth=3)
+    (truth_line,) = axes.plot(*truth[past - 1 :].T, color="black", linewidth=3)
+    lines = {"past": past_line, "ground truth": truth_line}
+    styles = line_styles([(label, "") for label in motions])
+    for (label, motion), look in zip(motions.items(), styles, strict=True):
+        poses, scale = motion.past.world_from_cam, 1.0
+        length = np.linalg.norm(_from_above(poses, past - 1)[0])
+        if not motion.past.is_metric and length > 0:
+            scale = float(np.linalg.norm(truth[0]) / length)
+            label = f"{label} (scaled to the true path)"
+        if len(motion.futures) > 1:
+            look |= {"linewidth": 0.5, "markersize": 2, "alpha": 0.7}
+        for future in motion.futures:
+            points = scale * _from_above(np.concatenate([poses, future]), past - 1)
+            (lines[label],) = axes.plot(*points[past - 1 :].T, **look, markevery=(5, 5))
+    (lines["last observed camera"],) = axes.plot(0, 0, ">", color="black", markersize=8)
+    axes.set_aspect("equal", adjustable="datalim")
+    unit = "m" if actual.is_metric else "the ground truth's unit"
+    axes.set(xlabel=f"forward ({unit})", ylabel=f"left ({unit})")
+    page.add_legend(lines)
+
+
+def _from_above(world_from_cam: FloatArray, last: int) -> FloatArray:
+    """Return (forward, left) [N, 2] of cameras [N, 4, 4] in the frame of the last observed one."""
+    last_from_cam = se3.inverse(world_from_cam[last]) @ world_from_cam
+    return np.stack([last_from_cam[:, 2, 3], -last_from_cam[:, 0, 3]], axis=-1)
