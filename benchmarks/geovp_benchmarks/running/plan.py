@@ -36,31 +36,26 @@ class Plan:
     kept: Selection
     is_fresh: bool  # whether to recompute what another version of the code computed
 
-    @property
-    def split_hash(self) -> str:
-        """Return the data set's hash of its frames, "" if its settings determine them."""
-        return str(getattr(self.built.dataset, "split_hash", ""))
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """Return a hash of what all scores depend on except the method and the code."""
-        matrix, dataset = self.built.matrix, registry.describe(self.built.dataset)
-        for key in ("with_full", "with_right", "stride"):  # views follow from the methods' needs
-            dataset.pop(key, None)
-        if "root" in dataset:
-            dataset["root"] = str(Path(dataset["root"]).resolve())
-        numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
-        return content_hash({"dataset": dataset, "split": self.split_hash, "numbers": numbers})
-
     @cached_property
     def protocol(self) -> dict[str, Any]:
-        """Return the content of protocol.json."""
+        """Return the content of protocol.json.
+
+        Its fingerprint is a hash of what all scores depend on except the method and the code.
+        """
         built, matrix = self.built, self.built.matrix
+        dataset = registry.describe(built.dataset)
+        views = ("with_full", "with_right", "stride")  # follow from the methods, or only add clips
+        frames = {key: value for key, value in dataset.items() if key not in views}
+        if "root" in frames:
+            frames["root"] = str(Path(frames["root"]).resolve())
+        # "" if the settings determine the frames
+        split_hash = str(getattr(built.dataset, "split_hash", ""))
+        numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
         protocol = {
             "name": matrix.name,
-            "dataset": registry.describe(built.dataset),
+            "dataset": dataset,
             "dataset_name": built.dataset.name,
-            "split_hash": self.split_hash,
+            "split_hash": split_hash,
             "num_past": matrix.num_past,
             "num_future": matrix.num_future,
             "size_px": list(matrix.size_px),
@@ -69,10 +64,17 @@ class Plan:
             "methods": [method.name for method in matrix.methods],
             "clips": list(self.clips),
             "kept": asdict(self.kept) if self.kept.by else None,
-            "fingerprint": self.fingerprint,
+            "fingerprint": content_hash(
+                {"dataset": frames, "split": split_hash, "numbers": numbers}
+            ),
             "versions": versions(),
         }
         return {**protocol, "id": protocol_id(protocol)}
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the fingerprint of the protocol."""
+        return str(self.protocol["fingerprint"])
 
     @cached_property
     def records(self) -> dict[MethodPlan, dict[str, Any]]:
@@ -115,8 +117,8 @@ class Plan:
         if not record["fingerprint"]:
             return set()
         results = self.results.with_rows_of(method.name, record["fingerprint"])
-        clips = self.results.with_clips_of(self.fingerprint).clips()
-        kept = {clip for clip, _ in results.predictions(method.name)} & {clip for clip, _ in clips}
+        clips = dict(self.results.with_clips_of(self.fingerprint).clips())
+        kept = clips.keys() & dict(results.predictions(method.name)).keys()
         missing = set(self.clips)
         for part in results.parts(method.name):
             is_scored = self.built.metrics.described.items() <= part.metrics.items()
@@ -132,8 +134,8 @@ class Plan:
         for index, clip in enumerate(self.clips):
             fingerprints = {
                 method: self.records[method]["fingerprint"]
-                for method, clips in missing.items()
-                if clip in clips
+                for method, lacking in missing.items()
+                if clip in lacking
             }
             if fingerprints:
                 yield Task(matrix, root, index, clip, fingerprints, clip in self.kept.clips)

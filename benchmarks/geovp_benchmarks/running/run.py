@@ -4,10 +4,11 @@ import logging
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from concurrent import futures
 from dataclasses import replace
 from typing import Any
 
-from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.store import Method, Part, Results
 from geovp_benchmarks.running.executors import Executor, completed
@@ -49,24 +50,23 @@ def compute_missing(
     announce("first prediction: reading a clip, loading or compiling code")
     batch: list[Scored] = []
     written_s = 0.0
-    try:
-        for results in completed(executor, score_clip, plan.tasks(missing), interval_s):
-            for scored in results:
-                batch += scored
-                num_done += len(scored)
-                clip = scored[0][2].clips[0]
-                announce(f"after {clip}")  # other processes do not announce their steps
-                logger.info("clip %s: done", clip)
-            progress(num_done, num_missing)
-            if time.monotonic() - written_s >= interval_s:
-                write(plan.results, batch)
-                batch.clear()
-                written_s = time.monotonic()
-    finally:
-        write(plan.results, batch)
-        for method, record in plan.records.items():
-            if record["fingerprint"]:
-                finish(plan, method)
+    # DuckDB would turn an interrupt of the main thread into an error of its own
+    with futures.ThreadPoolExecutor(1) as writer:
+        try:
+            for results in completed(executor, score_clip, plan.tasks(missing), interval_s):
+                for scored in results:
+                    batch += scored
+                    num_done += len(scored)
+                    clip = scored[0][2].clips[0]
+                    announce(f"after {clip}")  # other processes do not announce their steps
+                    logger.info("clip %s: done", clip)
+                progress(num_done, num_missing)
+                if time.monotonic() - written_s >= interval_s:
+                    writer.submit(write, plan.results, batch).result()
+                    batch = []
+                    written_s = time.monotonic()
+        finally:
+            writer.submit(finish, plan, batch).result()
 
 
 def begin(plan: Plan) -> None:
@@ -105,23 +105,27 @@ def write(results: Results, batch: Iterable[Scored]) -> None:
         results.write_parts(method, scored)
 
 
-def finish(plan: Plan, method: MethodPlan) -> None:
-    """Merge the score files of a method and write its status."""
-    results, record = plan.results, plan.records[method]
-    results.merge(method.name)
-    parts = results.parts(method.name)
-    is_partial = plan.missing(method, retry_failed=False)
-    outcome = {"status": "partial" if is_partial else "done"}
-    failures = [failure for part in parts for failure in part.failures.values()]
-    if failures:
-        status, reason, traceback = failures[0]
-        outcome["traceback"] = traceback
-        logger.info("%s: %s\n%s", method.label, reason, traceback.rstrip())
-        if len(failures) == sum(len(part.clips) for part in parts):  # nothing was predicted
-            outcome |= {"status": status, "reason": reason}
-            results.remove_method(method.name)
-            parts = []
-    results.write_method(method.name, record | outcome | totals(parts, record["code"]))
+def finish(plan: Plan, batch: Iterable[Scored]) -> None:
+    """Write the last scores, merge the score files of each method, and write its status."""
+    results = plan.results
+    write(results, batch)
+    for method, record in plan.records.items():
+        if not record["fingerprint"]:
+            continue
+        results.merge(method.name)
+        parts = results.parts(method.name)
+        is_partial = plan.missing(method, retry_failed=False)
+        outcome = {"status": "partial" if is_partial else "done"}
+        failures = [failure for part in parts for failure in part.failures.values()]
+        if failures:
+            status, reason, traceback = failures[0]
+            outcome["traceback"] = traceback
+            logger.info("%s: %s\n%s", method.label, reason, traceback.rstrip())
+            if len(failures) == sum(len(part.clips) for part in parts):  # nothing was predicted
+                outcome |= {"status": status, "reason": reason}
+                results.remove_method(method.name)
+                parts = []
+        results.write_method(method.name, record | outcome | totals(parts, record["code"]))
 
 
 def totals(parts: Sequence[Part], code: str) -> dict[str, Any]:

@@ -36,17 +36,22 @@ def select(keep: str, clips: Sequence[str], matrix: Matrix) -> Selection:
         count = min(int(keep), len(clips))
         indices = np.linspace(0, len(clips) - 1, count).round().astype(int)
         return Selection(tuple(clips[index] for index in indices))
-    names = keep.split(",")
     which, colon, metric = keep.partition(":")
     if colon:
-        names, clips = [metric], [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
+        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *ALWAYS_SCORED]
+        if which not in ("worst", "best"):
+            raise BadData(f"--keep {keep}: expected worst:METRIC or best:METRIC")
+        if metric not in metrics:
+            raise BadData(f"--keep {keep}: unknown metric {metric!r}{nearest(metric, metrics)}")
+        return Selection()
+    names = keep.split(",")
     for name in names:
-        if name not in clips or (colon and which not in ("worst", "best")):
+        if name not in clips:
             raise BadData(
-                f"--keep {keep}: expected a number, all, names of clips, worst:METRIC or "
-                f"best:METRIC; there is no {name!r}{nearest(name, clips)}"
+                f"--keep {keep}: expected a number, all, worst:METRIC, best:METRIC or names of "
+                f"clips; {name!r} is not among {clips[0]} to {clips[-1]}"
             )
-    return Selection() if colon else Selection(tuple(names), "asked for by name")
+    return Selection(tuple(names), "asked for by name")
 
 
 def rank(keep: str, results: Results, num_clips: int = 3) -> Selection:
@@ -79,5 +84,4 @@ def rank(keep: str, results: Results, num_clips: int = 3) -> Selection:
         if len(clips) < num_clips and min(distances, default=min_distance) >= min_distance:
             clips.append(clip)
     clips = list(dict.fromkeys([*clips, *ranked]))[:num_clips]
-    selected = sorted(clips, key=ranked.index)
-    return Selection(tuple(selected), f"{which} {title(metric)} of {method.label}")
+    return Selection(tuple(clips), f"{which} {title(metric)} of {method.label}")
