@@ -76,7 +76,10 @@ class TestNames:
         )
         assert read.name == "demo"
         assert read.pose_sources["vo+prior"].num_samples == 3
-        assert read.renderers["fusion"] == {"name": "depth-fusion", "inpainter": {"name": "telea"}}
+        assert read.renderers["fusion"].spec == {
+            "name": "depth-fusion",
+            "inpainter": {"name": "telea"},
+        }
         assert read.renderers == {
             **matrices.read(Path("demo")).renderers,
             "fusion": read.renderers["fusion"],
