@@ -103,26 +103,20 @@ class Tracker:
         tracks = None
         if self._last is not None:
             elapsed_s = image.time_s - self._last.time_s
-            world_from_cam = world_from_cam @ se3.exp(
-                self._twist_per_s * elapsed_s
-            )
-            tracks = self._localise(
-                self._last, image, se3.inverse(world_from_cam)
-            )
+            step = se3.exp(self._twist_per_s * elapsed_s)
+            world_from_cam = world_from_cam @ step
+            predicted = se3.inverse(world_from_cam)
+            tracks = self._localise(self._last, image, predicted)
         tracked = tracks is not None
         if tracked:
             self._num_bridged = 0
             world_from_cam = self._world_from_last
         else:
             self._num_bridged += 1
-            if (
-                self._last is None
-                or self._num_bridged > self.settings.max_bridged
-            ):
-                tracked = (
-                    self._restart(image, world_from_cam)
-                    and self._num_bridged == 1
-                )
+            is_lost = self._num_bridged > self.settings.max_bridged
+            if self._last is None or is_lost:
+                has_corners = self._restart(image, world_from_cam)
+                tracked = has_corners and self._num_bridged == 1
         keyframe = self.map.keyframes[-1]
         keyframe_from_cam = keyframe.cam_from_world @ world_from_cam
         waiting = None if self.map.triangulated.any() else tracks
@@ -178,62 +172,51 @@ class Tracker:
         It needs the indices [M] and pixels [M, 2] of tracks that were found. A motion with enough
         parallax initialises a new map.
         """
-        has_map = self.map.triangulated.any()
-        if (
-            has_map
-            and len(index)
-            < self.settings.min_found_fraction * self.map.active.sum()
-        ):
+        settings = self.settings
+        world = self.map
+        has_map = world.triangulated.any()
+        min_found = settings.min_found_fraction * world.active.sum()
+        if has_map and len(index) < min_found:
             return None
-        in_keyframe = self.map.observed[-1, index]
+        in_keyframe = world.observed[-1, index]
         index = index[in_keyframe]
         pixels = pixels[in_keyframe]
-        motion = self.settings.two_view.estimate(
-            self.map.lens.rays(self.map.observations[-1, index]),
-            self.map.lens.rays(pixels),
-            self.map.noise,
-        )
-        min_inliers = max(
-            self.settings.min_start_points,
-            self.settings.min_start_fraction * len(index),
-        )
-        num_inliers = motion.inliers.sum()
-        if num_inliers < min_inliers:
-            return None
-        num_reference = self.map.observed[-1].sum()
-        few_left = (
-            num_inliers < self.settings.min_reference_fraction * num_reference
-        )
-        min_parallax = (
-            0.0 if few_left else self.settings.keyframes.min_start_parallax
-        )
-        initialises = motion.parallax > max(min_parallax, 4 * self.map.noise)
-        initialises &= motion.kind == "general"
-        if has_map:
-            self.map.keep_newest_only()
-        assert self._keyframe is not None
-        elapsed_s = max(image.time_s - self._keyframe.time_s, 1e-6)
-        baseline = 0.0
-        if initialises:
-            baseline = (
-                1.0
-                if self._speed_per_s is None
-                else self._speed_per_s * elapsed_s
-            )
-        cam_from_keyframe = motion.b_from_a.copy()
-        cam_from_keyframe[:3, 3] *= baseline
-        cam_from_world = (
-            cam_from_keyframe @ self.map.keyframes[-1].cam_from_world
+        motion = settings.two_view.estimate(
+            world.lens.rays(world.observations[-1, index]),
+            world.lens.rays(pixels),
+            world.noise,
         )
         inliers = motion.inliers
+        min_fraction = settings.min_start_fraction
+        min_inliers = max(settings.min_start_points, min_fraction * len(index))
+        if inliers.sum() < min_inliers:
+            return None
+        num_reference = world.observed[-1].sum()
+        few_left = (
+            inliers.sum() < settings.min_reference_fraction * num_reference
+        )
+        min_parallax = (
+            0.0 if few_left else settings.keyframes.min_start_parallax
+        )
+        initialises = motion.parallax > max(min_parallax, 4 * world.noise)
+        initialises &= motion.kind == "general"
+        if has_map:
+            world.keep_newest_only()
+        assert self._keyframe is not None
+        elapsed_s = max(image.time_s - self._keyframe.time_s, 1e-6)
+        baseline = 1.0  # of the first map
+        if self._speed_per_s is not None:
+            baseline = self._speed_per_s * elapsed_s
+        cam_from_keyframe = motion.b_from_a.copy()
+        cam_from_keyframe[:3, 3] *= baseline if initialises else 0.0
+        cam_from_world = cam_from_keyframe @ world.keyframes[-1].cam_from_world
         tracks = self._move(
             image, index[inliers], pixels[inliers], cam_from_world
         )
         if initialises:
             self.num_starts += 1
-            self._twist_per_s = (
-                se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
-            )
+            twist = se3.log(se3.inverse(cam_from_keyframe))
+            self._twist_per_s = twist / elapsed_s
             self._add_keyframe(image)
             self._localise_waiting()
         elif few_left:
@@ -260,52 +243,45 @@ class Tracker:
         return self.map.track_ids[index], pixels
 
     def _keyframe_is_due(self) -> bool:
+        policy = self.settings.keyframes
         observed = self.map.observed[-1]
         num_shared = (self.map.active & observed).sum()
         parallax = self.map.parallax(se3.inverse(self._world_from_last))
-        min_parallax = max(
-            self.settings.keyframes.min_parallax, 3 * self.map.noise
+        return bool(
+            parallax > max(policy.min_parallax, 3 * self.map.noise)
+            or num_shared < policy.min_shared_fraction * observed.sum()
         )
-        min_shared = (
-            self.settings.keyframes.min_shared_fraction * observed.sum()
-        )
-        return bool(parallax > min_parallax or num_shared < min_shared)
 
     def _add_keyframe(self, image: Image) -> None:
         """Add the last localised image to the map, calibrate, triangulate, adjust, and detect."""
         assert self._keyframe is not None
         policy = self.settings.keyframes
+        world = self.map
         cam_from_world = se3.inverse(self._world_from_last)
-        moves = self.map.parallax(cam_from_world) > policy.min_start_parallax
-        self.map.add_keyframe(cam_from_world)
-        shared = self.map.observed[-2:].all(axis=0)
-        rays_a, rays_b = self.map.lens.distorted_rays(
-            self.map.observations[-2:, shared]
+        moves = world.parallax(cam_from_world) > policy.min_start_parallax
+        world.add_keyframe(cam_from_world)
+        shared = world.observed[-2:].all(axis=0)
+        rays_a, rays_b = world.lens.distorted_rays(
+            world.observations[-2:, shared]
         )
-        now_from_before = cam_from_world @ se3.inverse(
-            self.map.keyframes[-2].cam_from_world
-        )
+        before, now = world.keyframes[-2:]  # which are adjusted below
+        now_from_before = cam_from_world @ se3.inverse(before.cam_from_world)
         self.radial = self.radial.updated(
-            rays_a, rays_b, now_from_before, self.map.noise
+            rays_a, rays_b, now_from_before, world.noise
         )
-        self.map.lens = replace(self.map.lens, radial=self.radial.mean)
-        self.map.triangulate()
+        world.lens = replace(world.lens, radial=self.radial.mean)
+        world.triangulate()
         if (
-            self.map.is_full
-            or (len(self.map.keyframes) - 1) % policy.adjust_every == 0
+            world.is_full
+            or (len(world.keyframes) - 1) % policy.adjust_every == 0
         ):
-            self.map.adjust(num_fixed=2 if self.map.is_full else 1)
-        self._world_from_last = se3.inverse(
-            self.map.keyframes[-1].cam_from_world
-        )
-        before_from_now = (
-            self.map.keyframes[-2].cam_from_world @ self._world_from_last
-        )
+            world.adjust(num_fixed=2 if world.is_full else 1)
+        self._world_from_last = se3.inverse(now.cam_from_world)
+        before_from_now = before.cam_from_world @ self._world_from_last
         if moves:
+            distance = float(np.linalg.norm(before_from_now[:3, 3]))
             elapsed_s = image.time_s - self._keyframe.time_s
-            self._speed_per_s = (
-                float(np.linalg.norm(before_from_now[:3, 3])) / elapsed_s
-            )
+            self._speed_per_s = distance / elapsed_s
         self.new_pair = (
             self._keyframe.grey,
             image.grey,
