@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from geovp_classic.data.synthetic.manoeuvres import Manoeuvre
+from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES
 from geovp_classic.data.synthetic.rendering import Optics, render_drive
 from geovp_classic.data.synthetic.roads import Journey, world_from_vehicle
 from geovp_classic.data.synthetic.street import build_street
@@ -26,8 +26,8 @@ from geovp_classic.types import (
 class Synthetic(Optics):
     """Clips of a synthetic street at 10 Hz with exact poses, depths and masks of moving objects.
 
-    Clips cycle through the manoeuvres of `Manoeuvre`, each on its own street. The next round shows
-    windows of the same drives, `stride` frames later. When the drives of 60 frames are used up, new
+    Clips cycle through `MANOEUVRES`, each on its own street. The next round shows windows of the
+    same drives, `stride` frames later. When the drives of 60 frames are used up, new
     streets follow. Streets are furnished for 230 m: clips of more than about 150 frames leave the
     town. The same settings give the same clips.
 
@@ -104,12 +104,12 @@ class Synthetic(Optics):
             **views,
         )
 
-    def window(self, index: int) -> tuple[int, Manoeuvre, int]:
+    def window(self, index: int) -> tuple[int, str, int]:
         """Return the seed of a clip's street, the manoeuvre, and the first frame of the drive."""
         num_windows = max(1, 1 + (60 - self.num_frames) // self.stride)
-        lap, number = divmod(index, len(Manoeuvre))
+        lap, number = divmod(index, len(MANOEUVRES))
         seed = self.seed + 1000 * (lap // num_windows)
-        return seed, list(Manoeuvre)[number], (lap % num_windows) * self.stride
+        return seed, list(MANOEUVRES)[number], (lap % num_windows) * self.stride
 
     @property
     def clip_names(self) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ class Synthetic(Optics):
     def clip_name(self, index: int) -> str:
         """Return the drive (a sequence) and its first frame, as "seed0-left-turn/000"."""
         seed, manoeuvre, first = self.window(index)
-        return f"seed{seed}-{manoeuvre.value}/{first:03d}"
+        return f"seed{seed}-{manoeuvre}/{first:03d}"
 
     def _cameras(self) -> tuple[Intrinsics, Intrinsics]:
         """Return the square camera and the uncropped one, whose middle the square camera sees."""

@@ -1,6 +1,5 @@
 """Roads and traffic of each manoeuvre, as manoeuvres.toml describes them."""
 
-import enum
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path as FilePath
@@ -11,24 +10,14 @@ from numpy.random import Generator
 
 from geovp_classic.data.synthetic.roads import Journey, Path, Roads, from_bends
 
-
-class Manoeuvre(enum.StrEnum):
-    """Manoeuvre of the car with the camera."""
-
-    STRAIGHT = "straight"
-    LEFT_TURN = "left-turn"
-    GENTLE_CURVE = "gentle-curve"
-    BRAKE = "brake"
-    RIGHT_TURN = "right-turn"
-    ACCELERATE = "accelerate"
-    WINDING = "winding"
-    STAND = "stand"
+MANOEUVRES: dict[str, Any] = tomllib.loads(
+    FilePath(__file__).with_suffix(".toml").read_text()
+)
 
 
-def plan(manoeuvre: Manoeuvre, rng: Generator) -> tuple[Roads, list[Journey]]:
+def plan(manoeuvre: str, rng: Generator) -> tuple[Roads, list[Journey]]:
     """Return roads and journeys of a manoeuvre, that of the car with the camera first."""
-    text = FilePath(__file__).with_suffix(".toml").read_text()
-    table = tomllib.loads(text)[manoeuvre]
+    table = MANOEUVRES[manoeuvre]
     is_single = len(table["paths"]) == 1
     side = rng.choice([-1.0, 1.0]) if is_single else 1.0
     paths = [from_bends(**path, side=side) for path in table["paths"]]

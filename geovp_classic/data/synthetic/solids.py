@@ -12,6 +12,8 @@ import numpy as np
 
 from geovp_classic.types import BoolArray, FloatArray, IntArray
 
+kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+
 
 class Solids(NamedTuple):
     """Solids with the textures of the surfaces across x, y and z."""
@@ -86,7 +88,7 @@ class RayCaster:
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _cast(bounds, leaves, frames, planes, is_round, origins, directions):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Search depth first; skip boxes behind the nearest hit."""
     lengths = np.full(len(origins), np.inf)
@@ -123,7 +125,7 @@ def _cast(bounds, leaves, frames, planes, is_round, origins, directions):  # typ
     return lengths, solids, faces
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel
 def _to_bounds(bounds, origin, inverse):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return where a ray enters a bounding box (low, -high), inf if it misses it."""
     entry = 0.0
@@ -136,7 +138,7 @@ def _to_bounds(bounds, origin, inverse):  # type: ignore[no-untyped-def]  # noqa
     return entry if entry <= exit_ else np.inf
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel
 def _to_ball(start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return where a local ray enters the ball, and face 0; inf if never or if inside."""
     start -= 0.5
@@ -149,7 +151,7 @@ def _to_ball(start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
     return (-b - np.sqrt(root)) / a, 0
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel
 def _to_box(planes, start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return where a local ray enters a tapered box, and through which face; inf if never."""
     entry = 0.0
@@ -169,6 +171,6 @@ def _to_box(planes, start, step):  # type: ignore[no-untyped-def]  # noqa: ANN00
     return (entry if entered >= 0 and entry < exit_ else np.inf), entered
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel
 def _dot(a, b):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from geovp_classic.data.synthetic.manoeuvres import Manoeuvre, plan
+from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES, plan
 from geovp_classic.data.synthetic.roads import (
     Journey,
     Places,
@@ -47,9 +47,9 @@ class Street:
         return joined(solids)
 
 
-def build_street(seed: int, manoeuvre: Manoeuvre) -> Street:
+def build_street(seed: int, manoeuvre: str) -> Street:
     """Return the street for a manoeuvre, furnished for 230 m."""
-    rng = np.random.default_rng([seed, list(Manoeuvre).index(manoeuvre)])
+    rng = np.random.default_rng([seed, list(MANOEUVRES).index(manoeuvre)])
     roads, (ego, *others) = plan(manoeuvre, rng)
     cars = TABLES["rows"][1]["models"]
     traffic = [(model(rng, str(rng.choice(cars))), other) for other in others]

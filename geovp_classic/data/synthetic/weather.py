@@ -29,10 +29,8 @@ class Weather:
         elevation_rad = np.deg2rad(rng.uniform(30, 55))
         azimuth_rad = rng.uniform(0, 2 * np.pi)
         warmth = rng.uniform(0, 1)
-        level = np.cos(elevation_rad)
-        x = level * np.sin(azimuth_rad)
-        z = level * np.cos(azimuth_rad)
-        to_sun = np.array([x, -np.sin(elevation_rad), z])
+        level = np.cos(elevation_rad) * np.exp(1j * azimuth_rad)
+        to_sun = np.array([level.imag, -np.sin(elevation_rad), level.real])
         sun = np.array([1.45, 1.34 - 0.07 * warmth, 1.17 - 0.18 * warmth])
         return cls(to_sun, sun, cloud_shift=rng.uniform(0, 1, 2))
 
