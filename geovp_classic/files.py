@@ -147,14 +147,6 @@ def _digests(path: Path, _mtime_ns: int) -> dict[str, str]:
     return {name: digest for digest, name in lines}
 
 
-def is_file(path: Path) -> bool:
-    """Return whether a regular file exists; False for a name that no file can have."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
 def leads_inside(name: str) -> bool:
     """Return whether a relative path from data stays inside its folder."""
     path = Path(name)

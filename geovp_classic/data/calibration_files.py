@@ -161,16 +161,14 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
             f"camera_model is {table['camera_model']!r}, expected pinhole"
         )
     if "intrinsics" in table:
-        fx, fy, cx, cy = table["intrinsics"]
+        numbers = table["intrinsics"]
+        size_px = table["resolution"]
     else:
-        fx, _, cx, _, fy, cy, *_ = matrix_data(first("camera_matrix", "K", "k"))
-    width = first("image_width", "width")
-    width, height = table.get(
-        "resolution", (width, first("image_height", "height"))
-    )
-    view = Intrinsics(
-        float(fx), float(fy), float(cx), float(cy), int(width), int(height)
-    )
+        matrix = np.reshape(matrix_data(first("camera_matrix", "K", "k")), 9)
+        numbers = matrix[[0, 4, 2, 5]]
+        size_px = first("image_width", "width"), first("image_height", "height")
+    fx, fy, cx, cy = map(float, numbers)
+    view = Intrinsics(fx, fy, cx, cy, *map(int, size_px))
     distortion = matrix_data(
         first("distortion_coeffs", "distortion_coefficients", "D", "d")
     )

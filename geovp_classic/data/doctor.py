@@ -4,7 +4,6 @@ A loader stops at the first error of what it needs; the doctor reads every seque
 pose, and warns of content that no car or camera produces.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,18 +71,13 @@ class Doctor:
         for name in watch(list(folders)):
             findings = Findings()
             scans = dataset.scans(folders[name], findings)
-            row = {
-                "sequence": name,
-                **self._examine(folders[name], scans, findings, deep),
-            }
+            row = self._examine(folders[name], scans, findings, deep)
             distinct = dict.fromkeys(findings)  # cameras share files
             all_findings += distinct
-            counts = Counter(finding.severity for finding in distinct)
-            row |= {
-                "errors": str(counts["error"]),
-                "warnings": str(counts["warning"]),
-            }
-            rows.append(row)
+            severities = [finding.severity for finding in distinct]
+            row["errors"] = str(severities.count("error"))
+            row["warnings"] = str(severities.count("warning"))
+            rows.append({"sequence": name, **row})
             num_frames[name] = min(len(scan.images) for scan in scans.values())
         return Examination(
             tuple(rows), tuple(all_findings), _usable_splits(num_frames)
@@ -114,7 +108,16 @@ class Doctor:
                 self._examine_cameras(folder, scan, camera_sizes_px, findings)
             )
         times_s = first.times_s[np.isfinite(first.times_s)]
-        self._examine_times(first, findings)
+        steps_s = np.diff(first.times_s)
+        finite_s = steps_s[np.isfinite(steps_s)]
+        usual_s = float(np.median(finite_s)) if len(finite_s) else np.nan
+        _warn_beyond(
+            self.max_step_ratio * usual_s,
+            steps_s,
+            first.images,
+            f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing",
+            findings,
+        )
         return {
             "frames": ", ".join(frames).removeprefix(": "),
             "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
@@ -158,16 +161,6 @@ class Doctor:
                 )
             return f"f {view.fx_px:.0f} px"
         return "none"
-
-    def _examine_times(self, scan: Scan, findings: Findings) -> None:
-        """Warn of images much later than the one before."""
-        steps_s = np.diff(scan.times_s)
-        if np.isfinite(steps_s).any():
-            usual_s = float(np.nanmedian(steps_s))
-            usual = f"{usual_s:.3f} s is usual: frames are missing"
-            message = "{:.3f} s after the image before, " + usual
-            limit_s = self.max_step_ratio * usual_s
-            _warn_beyond(limit_s, steps_s, scan.images, message, findings)
 
     def _examine_poses(
         self, folder: Path, scan: Scan, findings: Findings, is_readable: bool

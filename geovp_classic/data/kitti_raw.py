@@ -110,18 +110,14 @@ def _read_poses(
     """
     date = folder.parent
     cam0_from_imu: FloatArray = np.eye(4)
-    for name in ("imu_to_velo", "velo_to_cam", "cam_to_cam"):
+    for name in ("imu_to_velo", "velo_to_cam"):
         path = date / f"calib_{name}.txt"
-        is_last = name == "cam_to_cam"  # the rotation of the rectification
-        rotation = read_entry(
-            path, "R_rect_00" if is_last else "R", 9, findings
-        )
-        translation = (
-            np.zeros(3) if is_last else read_entry(path, "T", 3, findings)
-        )
-        cam0_from_imu = (
-            se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
-        )
+        rotation = read_entry(path, "R", 9, findings).reshape(3, 3)
+        translation = read_entry(path, "T", 3, findings)
+        cam0_from_imu = se3.compose(rotation, translation) @ cam0_from_imu
+    path = date / "calib_cam_to_cam.txt"
+    rectification = read_entry(path, "R_rect_00", 9, findings).reshape(3, 3)
+    cam0_from_imu = se3.compose(rectification, np.zeros(3)) @ cam0_from_imu
     readings = np.empty((num_frames, 30))
     for number in range(num_frames):
         path = folder / f"oxts/data/{number:010d}.txt"
@@ -132,11 +128,8 @@ def _read_poses(
             )
             findings.add(path, message, 1)
             readings[number] = np.nan
-    if (
-        num_frames
-        and np.isfinite(readings).all()
-        and np.isfinite(cam0_from_imu).all()
-    ):
+    is_complete = np.isfinite(readings).all() & np.isfinite(cam0_from_imu).all()
+    if num_frames and is_complete:
         with findings.catch(date):
             cam0_from_imu = se3.orthonormalised(
                 cam0_from_imu, pose_files.ROTATION_TOLERANCE

@@ -8,6 +8,7 @@ error, the doctor lists all of them.
 import dataclasses
 import functools
 import itertools
+import os
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -169,7 +170,7 @@ def read_list(
     def parse_line(text: str) -> tuple[float, Path]:
         time, _, name = map(str.strip, text.partition(separator))
         numbers = parse_numbers([time], 1)
-        if not files.leads_inside(name) or not files.is_file(folder / name):
+        if not files.leads_inside(name) or not os.path.isfile(folder / name):
             raise BadData(
                 f"there is no file {name[:200]!r} in the folder, expected 'time{separator}file': "
                 "restore it or remove the line"

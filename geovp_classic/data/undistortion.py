@@ -68,6 +68,14 @@ class DistortedCamera:
         """Return (width, height) of the images."""
         return self.pinhole.width_px, self.pinhole.height_px
 
+    def sees(self, rays: FloatArray) -> bool:
+        """Return whether all rays [N, 3] lie inside the image."""
+        pixels = self.project(rays)
+        is_inside = (pixels >= -0.5) & (
+            pixels <= np.subtract(self.size_px, 0.5)
+        )
+        return bool(is_inside.all())
+
     def project(self, rays: FloatArray) -> FloatArray:
         """Project rays [N, 3] to pixels [N, 2]."""
         if not any(self.distortion):
@@ -104,21 +112,13 @@ def common_pinhole(
         view = replace(
             first, fx_px=first.fx_px * zoom, fy_px=first.fy_px * zoom
         )
-        if all(_covers(camera, view) for camera in distinct):
+        rays = pinhole.rays(view)
+        border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
+        if all(camera.sees(border) for camera in distinct):
             return view
     raise BadData(
         f"{source}: no pinhole camera, up to a zoom of 2, sees only what all its {len(distinct)} "
         "cameras see: check focal lengths, principal points and distortion"
-    )
-
-
-def _covers(camera: DistortedCamera, view: Intrinsics) -> bool:
-    """Return whether the pixels on the border of the view lie inside the camera's image."""
-    rays = pinhole.rays(view)
-    border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
-    pixels = camera.project(border)
-    return bool(
-        ((pixels >= -0.5) & (pixels <= np.array(camera.size_px) - 0.5)).all()
     )
 
 
