@@ -32,15 +32,18 @@ def run(args: argparse.Namespace) -> int:
 
     results = Results(args.folder)
     with duckdb.connect() as database, atomic_write(args.out) as scratch:
-        names = ("method", "clip", "sample", "step", "metric", "value")
         types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
         database.execute(f"CREATE TABLE scores ({types})")
+        columns = "$1, clip, sample, step + 1, $2, if(isnan(value), NULL, value)"
         for method in results.methods():
-            rows = [(method.label, *row) for row in results.scores(method.name).rows()]
-            columns = (np.array(column, object) for column in zip(*rows, strict=True))
-            database.register("rows", dict(zip(names, columns, strict=True)))
-            database.execute("INSERT INTO scores SELECT * FROM rows")
-        database.execute("UPDATE scores SET value = NULL WHERE isnan(value)")
+            scores = results.scores(method.name)
+            for metric, values in scores.values.items():
+                indices = (index.ravel() for index in np.indices(values.shape))
+                rows = dict(zip(("clip", "sample", "step"), indices, strict=True))
+                rows["clip"] = np.array(scores.clips, object)[rows["clip"]]
+                database.register("rows", {**rows, "value": values.ravel()})
+                query = f"INSERT INTO scores SELECT {columns} FROM rows"
+                database.execute(query, [method.label, metric])
         try:
             getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
         except duckdb.IOException as error:
