@@ -279,7 +279,9 @@ def test_targets_are_prepared_once_for_all_methods_of_a_clip(
     features, calls = lpips.alex_features, []
     monkeypatch.setattr(lpips, "alex_features", lambda *given: calls.append(1) or features(*given))
     rows = [
-        score(context, Prediction(noise(seed, frames[None, 2:].shape)), metrics).value
+        score(context, Prediction(noise(seed, frames[None, 2:].shape)), metrics).values["lpips"][
+            0, 0
+        ]
         for seed in (2, 3)
     ]
     assert len(calls) == 3  # the target and two predictions

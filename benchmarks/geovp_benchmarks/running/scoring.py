@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from typing import Any, Self
 
 import numpy as np
@@ -165,20 +164,16 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
     for sample in range(num_samples):
         if sample % 5 == 4:  # 100 samples of 256x256 took 1.2 GB more without this, with LPIPS
             release_free_memory()
-        columns = chain(
-            _frame_values(clip, prediction, sample, metrics),
-            _motion_values(clip, prediction, sample, metrics),
-        )
-        for name, values in columns:
+        for name, values in _values(clip, prediction, sample, metrics):
             samples.setdefault(name, []).append(values)
     stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
     return Scores([clip.clip.name], stacked)
 
 
-def _frame_values(
+def _values(
     clip: ScoredClip, prediction: Prediction, sample: int, metrics: Metrics
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the columns [F] of one sample that need frames alone."""
+    """Yield columns with the values [F] of one sample."""
     predicted = prediction.frames[sample]
     digest = hashlib.sha256(predicted.tobytes())
     masks: dict[str, BoolArray | None] = {"": None}
@@ -190,35 +185,27 @@ def _frame_values(
     if prediction.confidence is not None:
         yield CONFIDENCE, prediction.confidence[sample]
     masks |= {f"@{name}": mask for name, mask in clip.pixel_sets.items()}
+    stabilised = {}
     for name, metric in metrics.frame.items():
         if isinstance(metric, Stabilised):
+            stabilised[name] = metric.metric
             continue
         key = name, digest.digest()
         if key not in clip.scores:
             clip.scores[key] = clip.values(name, metric, predicted, [*masks.values()])
         for suffix, values in zip(masks, clip.scores[key], strict=True):
             yield name + suffix, values
-
-
-def _motion_values(
-    clip: ScoredClip, prediction: Prediction, sample: int, metrics: Metrics
-) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the columns [F] of one sample that need predicted and true poses."""
-    context, target = clip.truth
-    motion = prediction.motion
+    motion, (context, target) = prediction.motion, clip.truth
     if motion is None or context.past is None or target.trajectory is None:
         return
-    true_poses, times_s = target.trajectory.world_from_cam, target.trajectory.times_s
+    times_s = target.trajectory.times_s
     poses = motion.futures[sample % len(motion.futures)]  # all samples may share one future
     future = relative_to_last_observed(motion.past, poses, times_s)
-    true_future = relative_to_last_observed(context.past, true_poses, times_s)
-    stabilised = {
-        name: each for name, each in metrics.frame.items() if isinstance(each, Stabilised)
-    }
+    poses = target.trajectory.world_from_cam
+    true_future = relative_to_last_observed(context.past, poses, times_s)
     if stabilised:
-        frames = prediction.frames[sample]
-        views, seen = turned(frames, clip.clip.intrinsics, future, true_future)
+        views, seen = turned(predicted, clip.clip.intrinsics, future, true_future)
         for name, metric in stabilised.items():
-            yield name, clip.values(name, metric.metric, views, [seen])[0]
+            yield name, clip.values(name, metric, views, [seen])[0]
     for name, trajectory_metric in metrics.trajectory.items():
         yield name, trajectory_metric(future, true_future)
