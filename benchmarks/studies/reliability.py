@@ -16,6 +16,7 @@ from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.evaluation import forecasting
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress
+from geovp_classic import registry
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,13 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Draw the diagram of damped CTRA and the motion prior on the test sequences."""
-    forecasters = forecasting.forecasters()
     test = ("03", "05", "06", "07", "10")
     windows = forecasting.read_windows(args.poses, test, stride=args.stride)
     probabilities = [round(0.05 * k, 2) for k in range(1, 20)]
     scores = {
-        name: forecasting.evaluate(windows, forecasters[name], progress, probabilities)
-        for name in ("CTRA, damped", "motion prior")
+        name: forecasting.evaluate(
+            windows, registry.build("forecasters", name), progress, probabilities
+        )
+        for name in ("acceleration-kalman", "motion-prior")
     }
     with mpl.style.context(style.SHEET):
         figure = Figure(figsize=(8.5, 2.1), dpi=300, layout="constrained")

@@ -4,7 +4,7 @@ FOLDER holds NN.txt as in KITTI odometry, and times in NN_times.txt or ../sequen
 
 Examples:
   geovp forecast evaluate path/to/poses
-  geovp forecast evaluate path/to/poses --sequences 03 05 --methods hold "motion prior"
+  geovp forecast evaluate path/to/poses --sequences 03 05 --methods hold motion-prior
 """
 
 import argparse
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from geovp_benchmarks.cli.options import add, add_flag, add_group
 from geovp_benchmarks.progress import announce, progress_bar
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import BadData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--future", "N", "Number of predicted poses. Default: 20.", 20)
     text = "Number of frames between the starts of two windows. Default: 5."
     add(group, "--stride", "N", text, 5)
-    group = add_group(parser, "output", "--methods")
+    group = add_group(parser, "output")
+    text = "Names or TOML tables of forecasters, see `geovp list forecasters`. Default: all."
+    add(group, "--methods", "SPEC...", text)
     add_flag(group, "--json", "Print JSON. Default: text.")
 
 
@@ -35,18 +37,17 @@ def run(args: argparse.Namespace) -> int:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
     from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.registry import nearest
+    from geovp_classic import registry
 
-    forecasters = forecasting.forecasters()
-    for name in args.methods:
-        if name not in forecasters:
-            raise UnknownComponent(f"--methods: no forecaster {name!r}{nearest(name, forecasters)}")
-    selected = {name: forecasters[name] for name in args.methods or forecasters}
+    forecasters = {
+        str(spec): registry.build("forecasters", spec, "--methods")
+        for spec in args.methods or registry.names("forecasters")
+    }
     sequences = args.sequences or test_sequences(args.poses)
     windows = forecasting.read_windows(args.poses, sequences, args.past, args.future, args.stride)
     table = {}
     with progress_bar("forecast", "windows") as progress:
-        for name, forecaster in selected.items():
+        for name, forecaster in forecasters.items():
             announce(name)
             scores = forecasting.evaluate(windows, forecaster, progress)
             table[name] = forecasting.summary(scores)

@@ -13,10 +13,7 @@ from geovp_benchmarks.progress import Progress, tracked
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
-from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
-from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented
-from geovp_classic.forecasting.motion_prior import MotionPrior
-from geovp_classic.forecasting.representative import Representative
+from geovp_classic.forecasting.planar_forecaster import PlanarForecaster
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import Forecaster
@@ -24,21 +21,6 @@ from geovp_classic.types import FloatArray, Trajectory
 
 Window = tuple[Trajectory, Trajectory]  # past and future
 Scores = Mapping[str, FloatArray]  # [N] by name
-
-
-def forecasters() -> dict[str, Forecaster]:
-    """Return the compared forecasters."""
-    return {
-        "hold": Hold(),
-        "constant velocity": ConstantVelocity(),
-        "constant twist": ConstantTurn(),
-        "CTRV, extended": TurnRateKalman(),
-        "CTRV, unscented": TurnRateUnscented(),
-        "CTRA": AccelerationKalman(constants="acceleration"),
-        "CTRA, damped": AccelerationKalman(),
-        "motion prior": MotionPrior(),
-        "motion prior, representative": Representative(MotionPrior()),
-    }
 
 
 def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
@@ -116,7 +98,7 @@ def window_scores(
         for count in (5, 10, 20):
             scores[f"ADE m, best of {count}"] = distances_m[:count].min()
             scores[f"rotation deg, best of {count}"] = np.degrees(angles_rad[:count].min())
-    if isinstance(forecaster, TurnRateKalman | MotionPrior):
+    if isinstance(forecaster, PlanarForecaster):
         forecast = forecaster.distribution(past, future.times_s)
         on_plane = forecast.states_of(poses)
         scores["NLL nats"] = -forecast.log_density(on_plane[None]).mean()
@@ -160,6 +142,7 @@ def highest_density_ranks(
 def summary(scores: Scores, turning_deg: float = 15.0) -> dict[str, float]:
     """Return the means over windows, and those of ADE and yaw over turning windows."""
     averages = {name: float(values.mean()) for name, values in scores.items()}
+    del averages["turned deg"]
     is_turning = np.abs(scores["turned deg"]) > turning_deg
     if is_turning.any():
         for name in ("ADE m", "yaw deg"):

@@ -17,6 +17,7 @@ from geovp_benchmarks.evaluation.forecasting import (
     window_scores,
 )
 from geovp_benchmarks.progress import no_progress
+from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold
@@ -110,12 +111,12 @@ def test_ranks_are_the_ellipsoids_probability() -> None:
 
 
 def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says) -> None:
-    names = ["--methods", "hold", "CTRV, extended"]
+    names = ["--methods", "hold", "turn-rate-kalman"]
     lines = printed("forecast", "evaluate", folder, "--sequences", "03", "05", *names).splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
     rows = {name: values for name, *values in cells}
-    assert rows[""] == ["hold", "CTRV, extended"]
+    assert rows[""] == ["hold", "turn-rate-kalman"]
     # chords of 1 to 20 steps of 0.01 rad at 100 m radius
     ade_m = np.mean(200 * np.sin(0.005 * np.arange(1, 21)))
     assert float(rows["ADE m"][0]) == pytest.approx(ade_m, abs=0.0005)
@@ -127,7 +128,7 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
 
 
 def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
-    assert "CTRA, damped" in refused("forecast", "evaluate", folder, "--methods", "CTRA, dampd")
+    assert "motion-prior" in refused("forecast", "evaluate", folder, "--methods", "motion-prio")
 
 
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
@@ -136,9 +137,9 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
         pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
     windows = forecasting.read_windows(Path(root) / "kitti_full_poses", ["04"], stride=60)
     errors = {}
-    for name in ("hold", "constant twist", "CTRA, damped", "motion prior"):
-        forecaster = forecasting.forecasters()[name]
+    for name in ("hold", "constant-turn", "acceleration-kalman", "motion-prior"):
+        forecaster = registry.build("forecasters", name)
         scores = forecasting.evaluate(windows, forecaster, no_progress)
         errors[name] = float(scores["ADE m"].mean())
     assert min(errors, key=errors.__getitem__) != "hold"
-    assert errors["motion prior"] < 1.0
+    assert errors["motion-prior"] < 1.0
