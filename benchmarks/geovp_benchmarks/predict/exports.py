@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
 from geovp_benchmarks.plots import Options, Page, clips, video
 from geovp_benchmarks.predict.colmap_model import build_model
@@ -49,10 +49,16 @@ def write(predicted: Predicted, folder: Path) -> list[Path]:
 
 
 def write_images(folder: Path, names: Sequence[str], images: npt.NDArray[Any]) -> None:
-    """Write RGB images [N, H, W, 3] or depth maps [N, H, W] as PNG."""
+    """Write RGB images [N, H, W, 3] or depth maps [N, H, W] as PNG.
+
+    Pillow cannot: with pycolmap's copy of zlib in the process, it crashes.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    if images.ndim == 4:
+        images = images[..., ::-1]
     for name, image in zip(names, images, strict=True):
-        Image.fromarray(image).save(folder / name)
+        content = cv2.imencode(".png", np.ascontiguousarray(image))[1]
+        (folder / name).write_bytes(content.tobytes())
 
 
 def write_depths(
