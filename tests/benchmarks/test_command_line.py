@@ -107,6 +107,18 @@ class TestDryRun:
         assert "methods timed on one clip just now: 2" in text
         assert not (tmp_path / "out").exists()
 
+    def test_a_method_without_times_is_tried_as_after_a_kill(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
+        printed(*run(tmp_path))
+        results = Results(tmp_path / "out")
+        method = results.method("still")
+        assert method is not None
+        results.write_method("still", {**method.record, "num_clips": 0, "seconds": {}})
+        text = printed(*run(tmp_path, "--dry-run"))
+        assert "methods timed on one clip just now: 1" in text
+        assert "predictions: 0 to do, 10 stored" in text
+
     def test_after_a_run_of_some_clips_its_times_are_used(
         self, tmp_path: Path, printed: Says
     ) -> None:

@@ -42,11 +42,12 @@ def run(args: argparse.Namespace) -> int:
     """Compute all data sets in turn, and write and print their tables."""
     with progress_bar(args.matrix.stem, "predictions"):
         announce("starting")
+        from geovp_benchmarks.matrix import files
         from geovp_benchmarks.results.store import Results
         from geovp_benchmarks.running import multiple_datasets
         from geovp_benchmarks.tables import formats
 
-        matrices = multiple_datasets.read(args.matrix, args.root, args.set)
+        matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
     root = args.out or Path("results") / args.matrix.stem
     if not args.dry_run:
         Results(root).write_datasets([*matrices])

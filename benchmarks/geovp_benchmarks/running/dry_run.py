@@ -29,7 +29,11 @@ def dry_run(
     lines = [["method", "to do", "stored", "s per clip"]]
     total_s = size_bytes = 0.0
     with tempfile.TemporaryDirectory() as folder:
-        untimed = [each for each, source in sources.items() if not source.parts(each.name)]
+        untimed = [
+            method
+            for method, source in sources.items()
+            if not getattr(source.method(method.name), "num_clips", 0)
+        ]
         if untimed:
             trial = Results(Path(folder))
             run(matrix, trial, Options(limit=1, keep="1"), Serial(), progress)
@@ -51,7 +55,7 @@ def dry_run(
     return [
         *columns(lines),
         f"predictions: {num_missing} to do, {len(missing) * len(plan.clips) - num_missing} stored",
-        f"time: about {minutes} min {rest_s} s with {workers} process{'es' * (workers > 1)}; "
+        f"time: up to {minutes} min {rest_s} s with {workers} process{'es' * (workers > 1)}; "
         f"methods timed on one clip just now: {len(untimed)}",
         f"disk: about {size_bytes / 1e6:.1f} MB without figures and report",
     ]

@@ -4,12 +4,12 @@ Each data set has a matrix of its own, and a results folder below that of the fi
 data set's label.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import files, schema
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import FolderName, Spec, Specs, validated
 from geovp_benchmarks.results.store import Results
@@ -17,11 +17,6 @@ from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.table_model import MethodScores, Table
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
-
-
-def read(path: Path, root: Path | None = None, settings: Sequence[str] = ()) -> dict[str, Matrix]:
-    """Return the matrices of a file by the label of their data set, with changed settings."""
-    return parse(*files.read(path, settings), root)
 
 
 def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> dict[str, Matrix]:
