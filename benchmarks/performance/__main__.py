@@ -8,7 +8,7 @@ round of a clip includes the compilation that follows an installation.
 import argparse
 from collections.abc import Sequence
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.options import add
 from performance import clip, libraries, scoring, splat
 
 SECTIONS = {
@@ -26,20 +26,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="PYTHONPATH=benchmarks python -m performance",
         description="Processing time of a clip, and of our code next to named rivals.",
     )
-    parser.add_argument(
-        "--only", choices=SECTIONS, default=[*SECTIONS], help="Section. Default: all."
-    )
-    parser.add_argument(
-        "--rounds", type=positive, default=8, help="Number of rounds after a warm-up. Default: 8."
-    )
-    parser.add_argument(
-        "--kitti",
-        nargs=2,
-        metavar=("ROOT", "SEQUENCE"),
-        help="Clip of KITTI odometry, such as ROOT '03[0:180)'. Default: the synthetic street.",
-    )
+    add(parser, "--only", "SECTION", "Section. Default: all.", choices=SECTIONS)
+    add(parser, "--rounds", "N", "Number of rounds after a warm-up. Default: 8.", 8)
+    text = "Root and sequence of KITTI odometry. Default: the synthetic street."
+    add(parser, "--kitti", "TEXT", text, nargs=2)
     args = parser.parse_args(arguments)
-    for name in [args.only] if isinstance(args.only, str) else args.only:
+    for name in [args.only] if args.only else SECTIONS:
         print(f"## {name}\n\n```text", *SECTIONS[name](args), "```\n", sep="\n")
 
 

@@ -56,19 +56,19 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
         )
     runs = [each for seeds in scores.values() for each in seeds.values()]
     clips = [clip for clip in runs[0] if np.isfinite([run.get(clip, np.nan) for run in runs]).all()]
+    arrays = {
+        name: {seed: np.array([each[clip] for clip in clips]) for seed, each in seeds.items()}
+        for name, seeds in scores.items()
+    }
+    base = arrays[reference]
     lines = [["method", "mean", "by seed", f"difference from {reference}", "by seed"]]
-    for name, seeds in scores.items():
-        arrays = {seed: np.array([each[clip] for clip in clips]) for seed, each in seeds.items()}
-        means = [value.mean() for value in arrays.values()]
+    for name, seeds in arrays.items():
+        means = [values.mean() for values in seeds.values()]
         line = [name, f"{np.mean(means):.3f}", " ".join(f"{mean:.3f}" for mean in means), "", ""]
-        base = scores[reference]
-        shared = [seed for seed in arrays if seed in base]
-        if name != reference and shared:
-            differences = np.array(
-                [arrays[seed] - [base[seed][clip] for clip in clips] for seed in shared]
-            )
-            whole = interval(differences.mean(axis=0), sequences_of(clips))
-            of_seeds = " ".join(f"{mean:+.3f}" for mean in differences.mean(axis=1))
-            line[3:] = f"{whole.mean:+.3f} [{whole.low:+.3f}, {whole.high:+.3f}]", of_seeds
+        gaps = [values - base[seed] for seed, values in seeds.items() if seed in base]
+        if name != reference and gaps:
+            whole = interval(np.mean(gaps, axis=0), sequences_of(clips))
+            line[3] = f"{whole.mean:+.3f} [{whole.low:+.3f}, {whole.high:+.3f}]"
+            line[4] = " ".join(f"{gap.mean():+.3f}" for gap in gaps)
         lines.append(line)
     return lines
