@@ -42,13 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Yield the table."""
-    known = variants()
-    names = args.only or [name for name, variant in known.items() if variant.default]
+    available = variants()
+    names = args.only or [name for name, variant in available.items() if variant.default]
     for name in names:
-        if name not in known:
-            raise BadData(f"no component is called {name!r}{registry.nearest(name, known)}")
-    defaults = {known[name].default: None for name in names}
-    compared = {name: known[name].predictor for name in (*defaults, *names)}
+        if name not in available:
+            raise BadData(f"no component is called {name!r}{registry.nearest(name, available)}")
+    defaults = {available[name].default: None for name in names}
+    compared = {name: available[name].predictor for name in (*defaults, *names)}
     metrics = {name: registry.build("frame_metrics", name) for name in ("psnr", "ssim", "lpips")}
     clips = [
         (f"{stretch}/{number}", dataset, number)
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     names_of_clips = [name for name, _, _ in clips]
     rows = []
     for name in names:
-        gains = np.subtract(scores[known[name].default], scores[name])
+        gains = np.subtract(scores[available[name].default], scores[name])
         gained = {
             column.key: Score.of(values, names_of_clips, UNBOUNDED)
             for column, values in zip(columns, gains.T, strict=True)

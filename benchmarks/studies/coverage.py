@@ -6,6 +6,7 @@ skewed (exponential). The last column shows intervals as if clips were independe
 """
 
 import argparse
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -34,20 +35,14 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     for width in (3, 6):
         dependences[f"overlap, {width}"] = [1.0] * width, [1.0]
     noises = {"normal": stats.norm(), "skewed": stats.expon(loc=-1)}
-    cases = [
-        (sizes, dependence, noise)
-        for sizes in ((36,), (34, 5), (60, 40), (20, 20, 20))
-        for dependence in dependences
-        for noise in noises
-    ]
+    sizes = ((36,), (34, 5), (60, 40), (20, 20, 20))
+    cases = list(itertools.product(sizes, dependences.items(), noises.items()))
     names = ["effective", "coverage (%)", "as independent (%)"]
     lines = [["clips", "dependence", "noise", *names]]
-    for sizes, dependence, noise in tracked(cases, len(cases), progress):
-        covered, naive, effective = coverage(
-            sizes, dependences[dependence], noises[noise], args.draws
-        )
+    for counts, (name, dependence), (noise_name, noise) in tracked(cases, len(cases), progress):
+        covered, naive, effective = coverage(counts, dependence, noise, args.draws)
         numbers = [f"{value:.1f}" for value in (effective, 100 * covered, 100 * naive)]
-        lines.append([" + ".join(map(str, sizes)), dependence, noise, *numbers])
+        lines.append([" + ".join(map(str, counts)), name, noise_name, *numbers])
     yield from grid(lines)
 
 

@@ -8,10 +8,10 @@ from tests.benchmarks.conftest import Says, write_kitti
 
 
 def test_all_variants_differ_from_their_default() -> None:
-    known = variants()
-    for name, variant in known.items():
+    available = variants()
+    for name, variant in available.items():
         if variant.default:
-            assert variant.predictor != known[variant.default].predictor, name
+            assert variant.predictor != available[variant.default].predictor, name
 
 
 def test_the_gain_of_a_component_is_printed(tmp_path: Path, printed: Says) -> None:
