@@ -27,7 +27,7 @@ def write_all(
     metrics = horizon.metrics(material)
     groups = {"": material}
     if options.by:
-        choice = Choice([method.label for method in material.methods])
+        choice = Choice([method.label for method in material.shown(options.max_methods)])
         groups = {
             subset.label: Material.read(subset, replace(options, choice=choice))
             for subset in strata.divide(results, options.by)
@@ -42,8 +42,9 @@ def write_all(
     for draw in tracked(tasks, len(tasks), progress):
         for page in draw():
             stems.add(page.stem)
-            kinds = options.formats or page.formats
-            paths = [results.plots / f"{page.stem}.{kind}" for kind in kinds]
+            paths = [
+                results.plots / f"{page.stem}.{kind}" for kind in options.formats or page.formats
+            ]
             for path in paths:
                 page.write(path)
             yield page, paths

@@ -19,22 +19,21 @@ def clip_pages(material: Material, number: int, name: str, options: Options) -> 
     clip, past = material.results.clip(name), material.protocol["num_past"]
     rows = {"ground truth": clip.frames[past:]}
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
-    for method in material.methods:
+    for method in material.shown(options.max_methods):
         if name not in dict(material.results.predictions(method.name)):
             continue
         prediction = material.results.prediction(method.name, name)
         text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
         rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
-        if prediction.motion is not None:
+        if prediction.motion:
             motions.setdefault(method.pose_source or method.label, prediction.motion)
     data, pages = stored_facts.data_name(material.protocol), []
     if len(rows) > 1:
         pages.append(Page(f"strip-{number:02d}-{name}", name, f"Clip {name}", data))
         draw_strip(pages[-1], rows, clip.times_s[past:] - clip.times_s[past - 1], options)
-    if clip.trajectory is not None and motions:
-        title = f"Paths of clip {name} from above"
-        pages.append(Page(f"paths-{number:02d}-{name}", name, title, data))
-        _draw_paths(pages[-1], clip.trajectory, past, motions, options)
+    if clip.trajectory and motions:
+        pages.append(Page(f"paths-{number:02d}-{name}", name, f"Paths of clip {name}", data))
+        _draw_paths(pages[-1], clip.trajectory, past - 1, motions, options)
     return pages
 
 
@@ -46,9 +45,8 @@ def notes(material: Material, method: Method, clip: str) -> list[str]:
         values = material.values(method, metric)[place, 0]
         is_score = facts["role"] == "frame" and facts.get("higher_is_better") is not None
         if is_score and np.isfinite(values).any():
-            notes.append(
-                f"{stored_facts.title(metric)} {np.nanmean(values):#.3g} {facts['unit']}".strip()
-            )
+            title = stored_facts.title(metric)
+            notes.append(f"{title} {np.nanmean(values):#.3g} {facts['unit']}".strip())
     return notes
 
 
@@ -67,10 +65,9 @@ def draw_strip(
     steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int).tolist()
     height_in = len(rows) * (width_in / num_steps * height_px / width_px + 0.17) + 0.3
     gap_px = max(1, width_px // 40)
-    for axes, label in zip(
-        page.add_axes(width_in, height_in, options, len(rows)), rows, strict=True
-    ):
-        shown = [rows[label][k - 1] if k <= len(rows[label]) else blank for k in steps]
+    all_axes = page.add_axes(width_in, height_in, options, len(rows))
+    for axes, (label, frames) in zip(all_axes, rows.items(), strict=True):
+        shown = [frames[k - 1] if k <= len(frames) else blank for k in steps]
         pad = (0, 0), (0, gap_px), (0, 0)
         tiles = [np.pad(frame, pad, constant_values=255) for frame in shown]
         axes.imshow(np.concatenate(tiles, axis=1))
@@ -82,29 +79,30 @@ def draw_strip(
 
 
 def _draw_paths(
-    page: Page, actual: Trajectory, past: int, motions: Mapping[str, Motion], options: Options
+    page: Page, actual: Trajectory, last: int, motions: Mapping[str, Motion], options: Options
 ) -> None:
     """Draw the true and predicted paths from above with equal scales; samples are thin lines.
 
     Motions of unknown scale cover the true distance in the past.
     """
-    (axes,) = page.add_axes(4.8, 3.4, options)
-    truth = _from_above(actual.world_from_cam, past - 1)
-    (past_line,) = axes.plot(*truth[:past].T, color="0.85", linewidth=3)
-    (truth_line,) = axes.plot(*truth[past - 1 :].T, color="black", linewidth=3)
-    lines = {"past": past_line, "ground truth": truth_line}
+    width_in = options.width_in or 4.8
+    (axes,) = page.add_axes(width_in, 0.7 * width_in, options)
+    truth = _from_above(actual.world_from_cam, last)
+    lines = {}
+    (lines["past"],) = axes.plot(*truth[: last + 1].T, color="0.85", linewidth=3)
+    (lines["ground truth"],) = axes.plot(*truth[last:].T, color="black", linewidth=3)
     styles = line_styles([(label, "") for label in motions])
     for (label, motion), look in zip(motions.items(), styles, strict=True):
         poses, scale = motion.past.world_from_cam, 1.0
-        length = np.linalg.norm(_from_above(poses, past - 1)[0])
+        length = np.linalg.norm(_from_above(poses, last)[0])
         if not motion.past.is_metric and length > 0:
             scale = float(np.linalg.norm(truth[0]) / length)
             label = f"{label} (scaled to the true path)"
         if len(motion.futures) > 1:
             look |= {"linewidth": 0.5, "markersize": 2, "alpha": 0.7}
         for future in motion.futures:
-            points = scale * _from_above(np.concatenate([poses, future]), past - 1)
-            (lines[label],) = axes.plot(*points[past - 1 :].T, **look, markevery=(5, 5))
+            points = scale * _from_above(np.concatenate([poses, future]), last)
+            (lines[label],) = axes.plot(*points[last:].T, **look, markevery=(5, 5))
     (lines["last observed camera"],) = axes.plot(0, 0, ">", color="black", markersize=8)
     axes.set_aspect("equal", adjustable="datalim")
     unit = "m" if actual.is_metric else "the ground truth's unit"

@@ -9,13 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
-from geovp_benchmarks.analysis import intervals, statistics
+from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.tables.scores import facts_of
+from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.types import FloatArray
 
 
@@ -24,18 +25,14 @@ class Curve:
     """Scores of a method, whose mean over clips is drawn."""
 
     label: str
+    mean: FloatArray  # [F]
     values: FloatArray  # [N, F], NaN where there is no value
     clips: Sequence[str]  # [N]
     bounds: Bounds  # of a score
     look: Mapping[str, Any]  # arguments of `Axes.plot`
 
-    @property
-    def mean(self) -> FloatArray:
-        """Return the mean over clips [F]."""
-        return statistics.over_clips(self.values).mean
-
-    def covers(self, other: "Curve") -> bool:
-        """Return whether the two lines would hide each other."""
+    def equals(self, other: "Curve") -> bool:
+        """Return whether two lines would hide each other."""
         return np.allclose(self.mean, other.mean, rtol=2e-3, equal_nan=True)
 
 
@@ -51,26 +48,25 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     lines = {}
     for number, curve in enumerate(curves):
         # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
-        width = 1.3 + 1.3 * sum(curve.covers(other) for other in curves[number + 1 :])
-        look = {**curve.look, "linewidth": width, "markevery": (number % spacing, spacing)}
+        marks = number % spacing, spacing
+        num_equal = sum(curve.equals(other) for other in curves[number:])
+        look = {**curve.look, "linewidth": 1.3 * num_equal, "markevery": marks}
         (lines[curve.label],) = axes.plot(np.arange(1, num_steps + 1), curve.mean, **look)
-        aside = 0.01 * num_steps * (number - (len(curves) - 1) / 2)
+        aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
-                values, sequences = curve.values[:, step - 1], intervals.sequences_of(curve.clips)
-                interval = intervals.interval(values, sequences, bounds=curve.bounds)
-                ends = interval.low, interval.high
-                axes.vlines(step + aside, *ends, color=look["color"], linewidth=0.9)
+                score = Score.of(curve.values[:, step - 1], curve.clips, curve.bounds)
+                axes.vlines(step + aside, score.low, score.high, look["color"], linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     page.add_legend(lines)
     return axes
 
 
 def metrics(material: Material) -> list[str]:
-    """Return the stored metrics that have a unit, those over sets of pixels last."""
+    """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     stored = {name: None for scores in material.scores.values() for name in scores.values}
-    names = [name for name in stored if "unit" in facts_of(name, material.protocol)]
-    return sorted(names, key=lambda name: "@" in name)
+    order = list(material.protocol["metrics"])
+    return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0])))
 
 
 @context(SHEET)
@@ -81,7 +77,8 @@ def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -
     """
     pages: list[Page] = []
     for number, (label, material) in enumerate(groups.items(), 1):
-        curves = _curves(material, metric)
+        methods = material.shown(options.max_methods)
+        curves = _curves(material, metric, methods)
         if not curves:
             continue
         kind, title = "horizon", stored_facts.title(metric)
@@ -92,14 +89,13 @@ def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -
             kind, title = f"strata-{options.by}-{number}", f"{title}: {label}"
         if options.against:
             kind, title = f"against-{kind}", f"{title}: difference from {options.against}"
+            y_label = f"difference in {y_label}"
         data, num_clips = stored_facts.data_name(material.protocol), len(curves[0].clips)
         subtitle = f"{data}: mean of {num_clips} clips"
-        if len(curves) <= options.max_intervals:
+        if len(curves) <= options.max_intervals and num_clips > 2:
             subtitle += " with 95 % intervals (block bootstrap)"
-        if len(material.methods) < len(material.scores):
-            subtitle += (
-                f"; {len(material.methods)} of {len(material.scores)} methods (see --methods)"
-            )
+        if len(methods) < len(material.methods):
+            subtitle += f"; {len(methods)} of {len(material.methods)} methods (see --methods)"
         formats = ("svg",) if "@" in metric else ("png", "svg")
         page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
         axes = draw(page, curves, options)
@@ -107,15 +103,14 @@ def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -
         axes.set(xlabel=f"horizon ({step})", ylabel=y_label)
         if options.against:
             axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+        if pages:
+            axes.sharey(pages[0].figure.axes[0])
+            axes.autoscale_view()
         pages.append(page)
-    panels = [page.figure.axes[0] for page in pages]
-    limits = [panel.get_ylim() for panel in panels]
-    for panel in panels:
-        panel.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
     return pages
 
 
-def _curves(material: Material, metric: str) -> list[Curve]:
+def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Curve]:
     """Return a curve per method that has values, of several samples two: their mean and best.
 
     Metrics of poses have a curve per pose source. Labels say where clips are missing.
@@ -123,12 +118,12 @@ def _curves(material: Material, metric: str) -> list[Curve]:
     facts = facts_of(metric, material.protocol)
     higher, is_of_poses = facts.get("higher_is_better"), facts["role"] == "trajectory"
     methods: dict[tuple[str, str], Method] = {}
-    for method in material.methods:
+    for method in shown:
         renderer = "" if is_of_poses else method.renderer or ""
         methods.setdefault((method.pose_source or method.label, renderer), method)
     bounds = stored_facts.bounds(metric, facts)
     reference: FloatArray | float = 0.0
-    if material.reference is not None:
+    if material.reference:
         values, bounds = material.values(material.reference, metric), UNBOUNDED
         reference = statistics.mean_of_samples(values)[:, None]
     curves = []
@@ -136,7 +131,7 @@ def _curves(material: Material, metric: str) -> list[Curve]:
     for look, ((source, _), method) in zip(looks, methods.items(), strict=True):
         samples, count = material.values(method, metric) - reference, method.num_samples
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
-        if method is material.reference or num_steps < min(2, material.protocol["num_future"]):
+        if method is material.reference or num_steps < min(2, samples.shape[2]):
             continue
         reductions: dict[str, statistics.Reduction] = {
             f", mean of {count}" * (count > 1): statistics.mean_of_samples
@@ -149,6 +144,7 @@ def _curves(material: Material, metric: str) -> list[Curve]:
             num_clips = np.isfinite(values).any(axis=1).sum()
             if num_clips < len(values):
                 label += f" (only {num_clips} of {len(values)} clips)"
-            curves.append(Curve(label, values, material.protocol["clips"], bounds, look))
+            mean, clips = statistics.over_clips(values).mean, material.protocol["clips"]
+            curves.append(Curve(label, mean, values, clips, bounds, look))
             look = {**look, "markerfacecolor": "white", "markeredgecolor": look["color"]}
     return curves

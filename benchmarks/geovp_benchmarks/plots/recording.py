@@ -18,7 +18,7 @@ def write(results: Results, name: str, methods: Sequence[str] = ()) -> Path:
     clip, last = results.clip(name), results.protocol()["num_past"] - 1
     images, paths = {"observed": clip.frames}, {}
     world_from_last = np.eye(4)
-    if clip.trajectory is not None:
+    if clip.trajectory:
         paths["truth"] = clip.trajectory.world_from_cam[None]
         world_from_last = clip.trajectory.world_from_cam[last]
     for method in Choice(methods).select(results.methods()):
@@ -26,7 +26,7 @@ def write(results: Results, name: str, methods: Sequence[str] = ()) -> Path:
             continue
         prediction = results.prediction(method.name, name)
         images[f"predicted/{method.label}"] = prediction.frames[0]
-        if prediction.motion is not None:
+        if prediction.motion:
             last_from_world = se3.inverse(prediction.motion.past.world_from_cam[-1])
             paths[method.label] = world_from_last @ last_from_world @ prediction.motion.futures
     try:
@@ -40,7 +40,7 @@ def write(results: Results, name: str, methods: Sequence[str] = ()) -> Path:
         for entity, frames in images.items():
             for step, frame in enumerate(frames, len(clip.frames) - len(frames)):
                 recording.set_time("time", duration=float(clip.times_s[step] - clip.times_s[0]))
-                image = rr.Image(frame).compress(jpeg_quality=90)
+                image = rr.Image(frame).compress()
                 recording.log(rr.new_entity_path(entity.split("/", 1)), image)
         for label, poses in paths.items():
             lines = rr.LineStrips3D(list(poses[..., :3, 3]))

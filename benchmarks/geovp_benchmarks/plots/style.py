@@ -50,9 +50,9 @@ class Page:
     def add_axes(
         self, width_in: float, height_in: float, options: Options, num_rows: int = 1
     ) -> list[Axes]:
-        """Add axes to a figure of this size, or of the width asked for, and the titles."""
-        self.figure.set_size_inches(options.width_in or width_in, height_in)
-        if options.width_in is None:
+        """Add axes to a figure of this size, and the titles unless it is for a paper."""
+        self.figure.set_size_inches(width_in, height_in)
+        if not options.width_in:
             lines = [
                 textwrap.fill(line, int(15 * width_in)) for line in (self.title, self.subtitle)
             ]
@@ -89,6 +89,6 @@ def line_styles(keys: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     for first, second in keys:
         colour = firsts.index(first)
         form = seconds.index(second) + (colour if len(seconds) == 1 else colour // 9)
-        style = {"linestyle": dashes[form % 4], "marker": "os^DvPX"[form % 7]}
-        styles.append({"color": f"C{colour}", **style})
+        dash, marker = dashes[form % 4], "os^DvPX"[form % 7]
+        styles.append({"color": f"C{colour}", "linestyle": dash, "marker": marker})
     return styles

@@ -48,8 +48,8 @@ def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
     from PIL import Image
 
     first, *rest = map(Image.fromarray, frames)
-    step_ms = np.clip(round(1000 / rate_hz), 20, 655_350)  # the limits of viewers and format
-    first.save(path, save_all=True, append_images=rest, duration=int(step_ms), loop=0)
+    step_ms = max(20, round(1000 / rate_hz))  # the shortest that viewers show
+    first.save(path, save_all=True, append_images=rest, duration=step_ms, loop=0)
 
 
 def _labelled(frame: ByteArray, label: str) -> ByteArray:

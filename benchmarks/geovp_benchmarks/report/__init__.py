@@ -13,7 +13,7 @@ from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import MARKS, higher_is_better, summary, title
+from geovp_benchmarks.results.stored_facts import MARKS, summary, title
 from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
@@ -26,7 +26,7 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     protocol, choice, against = results.protocol(), options.choice, options.against
     scores = tables.build(results, choice=choice)
     headline = findings.Headline.of(scores[0], protocol)
-    material = Material.read(results, replace(options, max_methods=len(protocol["methods"])))
+    material = Material.read(results, options)
     groups = strata.divide(results, options.by) if options.by else []
     plain = replace(options, by=None, against=None)
     figures = [
@@ -36,29 +36,6 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
         for path in paths
         if path.suffix == ".svg"
     ]
-    html = (
-        environment()
-        .get_template("report.html")
-        .render(
-            protocol=protocol,
-            summary=summary(protocol),
-            methods=choice.select(results.methods()),
-            findings=headline.sentences(against or "copy-last") if headline else [],
-            headline=headline,
-            scores=scores,
-            against=tables.against(results, against, choice=choice) if against else None,
-            strata=[tables.build(group, choice=choice)[0] for group in groups],
-            figures=figures,
-            clips=films.shown_clips(material, headline),
-            step_s=material.step_s,
-            confidence=confidences(results),
-        )
-    )
-    write_bytes(results.report, html.encode())
-
-
-def environment() -> jinja2.Environment:
-    """Return the templates of this folder, which escape all values."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -69,12 +46,26 @@ def environment() -> jinja2.Environment:
     templates.filters["base64"] = lambda content: base64.b64encode(content).decode()
     templates.filters["json"] = lambda value: json.dumps(value, ensure_ascii=False, indent=2)
     templates.filters["inputs"] = lambda name: MARKS[name][1]
-    return templates
+    html = templates.get_template("report.html").render(
+        protocol=protocol,
+        summary=summary(protocol),
+        methods=choice.select(results.methods()),
+        findings=headline.sentences(against or "copy-last") if headline else [],
+        headline=headline,
+        scores=scores,
+        against=tables.against(results, against, choice=choice) if against else None,
+        strata=[tables.build(group, choice=choice)[0] for group in groups],
+        figures=figures,
+        clips=films.shown_clips(material, headline),
+        step_s=material.step_s,
+        confidence=confidences(results),
+    )
+    write_bytes(results.report, html.encode())
 
 
 def confidences(results: Results) -> tuple[str, list[confidence.Ranking]]:
     """Return the first frame metric and how well each method's confidence ranks its errors."""
     for name, facts in results.protocol()["metrics"].items():
-        if facts["role"] == "frame" and higher_is_better(name, facts) is not None:
+        if facts["role"] == "frame" and facts.get("higher_is_better") is not None:
             return title(name), confidence.rankings(results, name)
     return "", []

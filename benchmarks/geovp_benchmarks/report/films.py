@@ -48,17 +48,19 @@ def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip
 
 def encode_film(frames: ByteArray) -> bytes:
     """Encode frames [K, H, W, 3] from left to right as WebP."""
-    buffer = io.BytesIO()
-    Image.fromarray(_sheet(frames)).save(buffer, "WEBP", quality=60)
-    return buffer.getvalue()
+    return _encode(_sheet(frames), "WEBP")
 
 
 def encode_mask(covered: BoolArray) -> bytes:
     """Encode uncovered pixels [K, H, W] from left to right as PNG, transparent elsewhere."""
     is_inpainted = _sheet(np.where(covered, np.uint8(0), np.uint8(255))) > 127
     pink = np.array([214, 39, 160, 255], np.uint8)  # a colour that streets do not have
+    return _encode(is_inpainted[..., None] * pink, "PNG")
+
+
+def _encode(image: ByteArray, kind: str) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(is_inpainted[..., None] * pink).save(buffer, "PNG")
+    Image.fromarray(image).save(buffer, kind, quality=60)  # of WebP
     return buffer.getvalue()
 
 
@@ -66,16 +68,15 @@ def _films(material: Material, name: str) -> list[Film]:
     clip, last = material.results.clip(name), material.protocol["num_past"] - 1
     films = [_film("ground truth", [], clip.frames[last:])]
     for method in material.methods:
-        if name in dict(material.results.predictions(method.name)):
-            prediction = material.results.prediction(method.name, name)
-            frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])
-            film = _film(method.label, clips.notes(material, method, name), frames)
-            if prediction.covered is not None and not prediction.covered[0].all():
-                covered = np.pad(
-                    prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True
-                )
-                film = replace(film, mask=encode_mask(covered))
-            films.append(film)
+        if name not in dict(material.results.predictions(method.name)):
+            continue
+        prediction = material.results.prediction(method.name, name)
+        frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])
+        film = _film(method.label, clips.notes(material, method, name), frames)
+        if prediction.covered is not None:
+            covered = np.pad(prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
+            film = replace(film, mask=encode_mask(covered))
+        films.append(film)
     return films
 
 

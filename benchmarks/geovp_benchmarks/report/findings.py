@@ -9,6 +9,7 @@ import numpy as np
 from geovp_benchmarks.plots.material import uses_ground_truth
 from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.results.stored_facts import MARKS, title
+from geovp_benchmarks.tables.scores import facts_of
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
 
 
@@ -24,9 +25,9 @@ class Headline:
     @classmethod
     def of(cls, table: Table, protocol: Mapping[str, Any]) -> Self | None:
         """Rank the methods of the main table; return None without a metric with a direction."""
-        facts, clips = protocol["metrics"], protocol["clips"]
+        clips = protocol["clips"]
         columns = [column for column in table.columns if column.higher_is_better is not None]
-        columns.sort(key=lambda column: facts[column.key.partition("@")[0]]["role"] != "frame")
+        columns.sort(key=lambda column: facts_of(column.key, protocol)["role"] != "frame")
         for column in columns[:1]:
             key, sign = column.key, -1.0 if column.higher_is_better else 1.0
             methods = [
@@ -37,8 +38,7 @@ class Headline:
                 and not method.is_oracle_selected
             ]
             methods.sort(key=lambda method: sign * method.scores[key].mean)
-            unit = facts[key.partition("@")[0]].get("unit", "")
-            return cls(column, unit, methods, clips)
+            return cls(column, facts_of(key, protocol)["unit"], methods, clips)
         return None
 
     def best(self, baseline: str, *, privileged: bool) -> MethodScores | None:
@@ -55,7 +55,7 @@ class Headline:
 
     def score(self, clip: str) -> float:
         """Return the score of the judge on a clip, or NaN."""
-        if self.judge is None or clip not in self.clips:
+        if self.judge is None:
             return float("nan")
         return float(self.judge.scores[self.column.key].values[self.clips.index(clip)])
 
@@ -85,9 +85,7 @@ class Headline:
         key = self.column.key
         difference = method.scores[key].values - rival.scores[key].values
         gain = Score.of(difference, self.clips, UNBOUNDED)
-        verdict = "a difference that is significant"
-        if gain.low <= 0 <= gain.high:
-            verdict = "a difference that is not significant"
+        verdict = f"which is {'not ' * (gain.low <= 0 <= gain.high)}significant"
         if gain.has_few_clips:
             clips = f"{gain.effective_clips:.0f} effective clips"
             verdict = f"which is not tested: {clips} are too few"
