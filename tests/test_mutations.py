@@ -112,7 +112,6 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     """Write a results folder with a score, a kept clip and a kept prediction."""
     results = Results(folder)
     results.write_protocol({"methods": ["x"], "clips": ["a"], "num_past": 3, "metrics": {}})
-    results.write_datasets(datasets)
     method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
     method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}
@@ -124,6 +123,7 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
     covered = np.ones((1, 5, 32, 48), bool)
     results.write_prediction("x", "a", Prediction(stack[None, 3:], covered, motion))
+    results.write_datasets(datasets)
 
 
 def result(file: str, read: Callable[[Results], Any]) -> Reader:
@@ -266,8 +266,8 @@ READERS: dict[str, Reader] = {
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
-    "clip": result("clips/a.npz", lambda results: results.clip("a")),
-    "prediction": result("x/predictions/a.npz", lambda results: results.prediction("x", "a")),
+    "clip": result("clips/a..npz", lambda results: results.clip("a")),
+    "prediction": result("x/predictions/a.f.npz", lambda results: results.prediction("x", "a")),
     "part": result("x/scores/part-*.parquet", read_scores),
     "method.json": result("x/method.json", lambda results: results.methods()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),

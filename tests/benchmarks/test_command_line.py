@@ -107,7 +107,7 @@ class TestDryRun:
         assert "methods timed on one clip just now: 2" in text
         assert not (tmp_path / "out").exists()
 
-    def test_a_method_without_times_is_tried_as_after_a_kill(
+    def test_after_a_kill_times_are_those_of_the_score_files(
         self, tmp_path: Path, printed: Says
     ) -> None:
         printed(*run(tmp_path))
@@ -116,7 +116,7 @@ class TestDryRun:
         assert method is not None
         results.write_method("still", {**method.record, "num_clips": 0, "seconds": {}})
         text = printed(*run(tmp_path, "--dry-run"))
-        assert "methods timed on one clip just now: 1" in text
+        assert "methods timed on one clip just now: 0" in text
         assert "predictions: 0 to do, 10 stored" in text
 
     def test_after_a_run_of_some_clips_its_times_are_used(

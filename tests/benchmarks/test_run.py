@@ -157,7 +157,6 @@ class TestAgain:
             go(tmp_path, {**tables, "protocol": {**tables["protocol"], key: value}})
         assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
         assert len(Results(tmp_path).clip("road/000").frames) == 4
-        assert len(Results(tmp_path).set_aside()) == 4  # two protocols' rows, and their kept clips
         assert len(log.read_text().split()) == 3 * tried
         go(tmp_path, tables)
         assert rows(tmp_path, "still") == first

@@ -192,7 +192,7 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
 
 def test_a_pickle_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "clips").mkdir()
-    np.savez(tmp_path / "clips" / "evil.npz", frames=np.array([object()]))
+    np.savez(tmp_path / "clips" / "evil..npz", frames=np.array([object()]))
     with pytest.raises(BadData, match="evil"):
         Results(tmp_path).clip("evil")
 
@@ -212,29 +212,26 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
         assert results.by_dataset() == {"": results}
 
 
-def test_methods_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
+def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
     results.write_part("x", rows(1.0), Part(["a"], "old", {}, {}, 0.0))
-    results.swap("x", "old", "new")
-    assert not (tmp_path / "x").exists()
-    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(["a"], "new", {}, {}, 0.0))
-    assert values(results.with_rows_of("x", "new")) == [2.0, 3.0]
-    assert results.set_aside() == {tmp_path / "earlier/old/x"}
-    assert results.with_rows_of("x", "old").root == tmp_path / "earlier/old"
-    results.swap("x", "new", "old")
-    assert results.set_aside() == {tmp_path / "earlier/new/x"}
+    results.write_prediction("x", "a", Prediction(clip().frames[None]))
+    begun(tmp_path, "new")
+    assert (results.parts("x"), results.predictions("x")) == ([], [])
+    results.write_part("x", rows(2.0), Part(["a"], "new", {}, {}, 0.0))
+    results.write_part("x", rows(3.0), Part(["a"], "new", {}, {}, 0.0))
+    results.merge("x")
+    assert values(results) == [3.0]
+    assert [part.clips for part in results.parts("x", "old")] == [["a"]]
+    begun(tmp_path, "old")
     assert values(results) == [1.0]
-    results.swap(
-        "x", "old", "0123456789abcdef0"
-    )  # a folder is named by 16 letters, and replaces one before it
+    assert [name for name, _ in results.predictions("x")] == ["a"]
     results.write_clip(clip())
-    results.swap("clips", "", "other")
-    assert {path.relative_to(tmp_path / "earlier").as_posix() for path in results.set_aside()} == {
-        "new/x",
-        "old/x",
-        "unknown/clips",
-    }
-    assert results.with_rows_of("x", "0123456789abcdef0").root.name == "0123456789abcdef"
+    protocol = dict(results.protocol())
+    results.write_protocol({**protocol, "fingerprint": "other"})
+    assert results.clips() == []
+    results.write_protocol(protocol)
+    assert [name for name, _ in results.clips()] == [NAME]
 
 
 def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -> None:
@@ -243,7 +240,7 @@ def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -
     results.write_prediction("x", "good", Prediction(clip().frames[None]))
     results.write_prediction("x", "bad", Prediction(clip().frames[None]))
     (results.root / "x/predictions/.scratch.npz").write_bytes(b"")
-    bad, kept = results.root / "x/predictions/bad.npz", results.clips()[0][1]
+    bad, kept = dict(results.predictions("x"))["bad"], results.clips()[0][1]
     for path in (bad, kept):
         path.write_bytes(path.read_bytes()[:-30])
     assert results.set_damaged_aside("x") == [bad]
@@ -254,10 +251,10 @@ def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -
 
 def test_a_clips_name_fits_a_files_name() -> None:
     check_clip_name("a")
-    check_clip_name("a" * 226)  # and ".npz": 230 bytes
-    with pytest.raises(BadData, match="takes 231 bytes"):
-        check_clip_name("a" * 227)
-    with pytest.raises(BadData, match="takes 232 bytes"):
+    check_clip_name("a" * 225)
+    with pytest.raises(BadData, match="takes 226 bytes"):
+        check_clip_name("a" * 226)
+    with pytest.raises(BadData, match="takes 228 bytes"):
         check_clip_name("\u00e9" * 38)  # two bytes in UTF-8, %C3%A9 in the file's name
 
 

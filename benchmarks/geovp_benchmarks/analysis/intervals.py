@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, special
+from scipy import special
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
@@ -114,10 +114,10 @@ class Groups:
     def autocovariance(self, off: FloatArray, max_lag: int) -> FloatArray:
         """Return the mean products [L] of values 1 .. L clips apart in one group, by FFT."""
         gaps = np.repeat(np.arange(len(self.lengths)) * max_lag, self.lengths)
-        size = fft.next_fast_len(len(off) + len(self.lengths) * max_lag, real=True)
+        size = 1 << (len(off) + len(self.lengths) * max_lag - 1).bit_length()
         padded = np.zeros(size)
         padded[np.arange(len(off)) + gaps] = off
-        sums = fft.irfft(np.abs(fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
+        sums = np.fft.irfft(np.abs(np.fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
         lags = np.arange(1, max_lag + 1)
         lengths, counts = np.unique(self.lengths, return_counts=True)
         num_pairs = sum(
@@ -221,7 +221,9 @@ class BlockBootstrap:
             angles = np.pi * np.arange(slow + 1) / length
             ratios = (1 - correlation) ** 2
             ratios = ratios / (1 - 2 * correlation * np.cos(angles) + correlation**2)
-            powers += float((fft.dct(sequences, norm="ortho")[:, : slow + 1] ** 2).sum())
+            mirrored = np.concatenate([sequences, sequences[:, ::-1]], axis=1)
+            cosines = np.abs(np.fft.rfft(mirrored)[:, : slow + 1]) ** 2 / (2 * length)
+            powers += float(cosines.sum() - cosines[:, 0].sum() / 2)  # orthonormal DCT-II, squared
             expected += len(sequences) * float(ratios.sum())
             num += len(sequences) * (slow + 1)
         return float(np.sqrt(powers / expected / count)), num

@@ -77,15 +77,8 @@ def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[
             lines = dry_run(matrix, results, options, args.workers.get("workers", 1), progress)
             print(*lines, sep="\n")
             return []
-        archived = results.set_aside()
         executor = registry.build("executors", args.workers)
-        methods = run(matrix, results, options, executor, progress)
-    if results.set_aside() - archived:
-        logger.warning(
-            f"settings changed: earlier results are in {results.root / 'earlier'}, and a run with "
-            "the earlier settings restores them"
-        )
-    return methods
+        return run(matrix, results, options, executor, progress)
 
 
 def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> int:

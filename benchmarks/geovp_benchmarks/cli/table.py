@@ -94,5 +94,6 @@ def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
     ]
     if args.by is not None:
         return [main for main, *_ in built]
-    formats.write_all(results, tables.build(results))
+    if not (args.methods or args.metrics or args.strict):
+        formats.write_all(results, built[0])
     return built[0]

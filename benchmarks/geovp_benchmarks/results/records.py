@@ -1,5 +1,6 @@
 """Records of results in JSON: protocol.json, method.json and datasets.json."""
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -107,10 +108,16 @@ def read_labels(path: Path) -> list[str]:
     return labels
 
 
+@functools.cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """Return the validator of a type, which takes milliseconds to build."""
+    return TypeAdapter(kind)
+
+
 def _validated(kind: Any, content: Any, path: Path) -> Any:
     """Return validated content; raise BadData that states the key, its value and its type."""
     try:
-        return TypeAdapter(kind).validate_python(content)
+        return _adapter(kind).validate_python(content)
     except ValidationError as error:
         problem = error.errors()[0]
         key = str([*problem["loc"], "datasets"][0])

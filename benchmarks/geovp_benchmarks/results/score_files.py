@@ -1,7 +1,6 @@
 """Score files: parquet with the scores of some clips of a method; a content hash in the file name.
 
-A file has a row per clip, sample, step and metric; rows of step 0 hold facts of the clips. Its
-metadata says how the clips were scored.
+A file has a row per clip, sample, step and metric. Its metadata says how the clips were scored.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class Part:
     peak_is_own: bool = False  # False: the peak of the whole process so far
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
     failures: dict[str, list[str]] = field(default_factory=dict)  # status, reason, traceback
-    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # of clips; written, not read
+    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # numbers of each clip
     written_ns: int = 0  # set when it is written; the newest scores of a clip count
     method: str = ""  # the name of its folder
 
@@ -55,6 +54,7 @@ class Part:
             clips=list(clips),
             seconds={stage: seconds * ratio for stage, seconds in self.seconds.items()},
             failures={clip: self.failures[clip] for clip in clips if clip in self.failures},
+            facts={clip: self.facts[clip] for clip in clips if clip in self.facts},
         )
 
 
@@ -89,10 +89,9 @@ class ScoreFiles:
         """Return the means over all or the first steps [N, S] by metric; NaN: not defined."""
         if not stored:
             return {}
-        steps = "step > 0" if num_steps is None else f"step BETWEEN 1 AND {num_steps}"
+        steps = "" if num_steps is None else f"WHERE step <= {num_steps}"
         columns = self._query(
-            "SELECT metric, number, sample, avg(value) AS value FROM {} "
-            f"WHERE {steps} GROUP BY ALL",
+            f"SELECT metric, number, sample, avg(value) AS value FROM {{}} {steps} GROUP BY ALL",
             stored,
             clips,
         )
@@ -107,11 +106,11 @@ class ScoreFiles:
         """Return all scores of these clips; raise BadData for a score that is stored twice."""
         if not stored:
             return Scores(clips, {})
-        names = self._query("SELECT DISTINCT metric FROM {} WHERE step > 0", stored, clips)
+        names = self._query("SELECT DISTINCT metric FROM {}", stored, clips)
         metrics = sorted(names["metric"].tolist())
         columns = self._query(
             "SELECT list_position($metrics, metric) - 1 AS metric, number, sample, step - 1 AS "
-            "step, value FROM {} WHERE step > 0",
+            "step, value FROM {}",
             stored,
             clips,
             metrics=metrics,
@@ -128,22 +127,9 @@ class ScoreFiles:
         values.ravel()[indices] = np.ma.filled(columns["value"], np.nan)
         return Scores(clips, dict(zip(metrics, values, strict=True)))
 
-    def facts(self, paths: Sequence[Path]) -> dict[str, dict[str, float]]:
-        """Return the facts of the clips in some files by name."""
-        facts: dict[str, dict[str, float]] = {}
-        if paths:
-            query = f"SELECT clip, metric, value FROM {_relation(paths)} WHERE step = 0"
-            for clip, name, value in self._database.execute(query).fetchall():
-                facts.setdefault(clip, {})[name] = value
-        return facts
-
     def write(self, method: str, scored: Sequence[tuple[Scores, Part]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
-        for _, part in scored:
-            rows += [
-                (clip, 0, 0, *fact) for clip in part.facts for fact in part.facts[clip].items()
-            ]
         names = ("clip", "sample", "step", "metric", "value")
         kinds = (object, np.int32, np.int32, object, np.float64)
         columns = {
@@ -160,17 +146,26 @@ class ScoreFiles:
         self._copy(query, self.root / method / "scores", parts)
         self._database.unregister("scores")
 
-    def merge(self, method: str, stored: Stored, replaced: Iterable[Path]) -> None:
-        """Write the scores of these parts of a method into one file in place of others."""
-        clips = [clip for part in itertools.chain(*stored.values()) for clip in part.clips]
+    def merge(self, method: str, fingerprint: str) -> None:
+        """Merge the score files of one fingerprint in the folder of a method."""
+        folder = self.root / method / "scores"  # a file that methods share stays
+        stored = {
+            path: parts
+            for path, parts in self.parts(method).items()
+            if parts and path.parent == folder and {p.fingerprint for p in parts} == {fingerprint}
+        }
+        if len(stored) < 2:
+            return
+        latest = newest(stored, None)
+        parts = list(itertools.chain(*latest.values()))
+        clips = [clip for part in parts for clip in part.clips]
         query = (
-            f"SELECT method, clip, sample, step, metric, value FROM {self._wanted(stored, clips)} "
+            f"SELECT method, clip, sample, step, metric, value FROM {self._wanted(latest, clips)} "
             "ORDER BY number, metric, sample, step"
         )
-        merged = self._copy(query, self.root / method / "scores", itertools.chain(*stored.values()))
-        for path in replaced:
-            if path != merged:
-                path.unlink(missing_ok=True)
+        merged = self._copy(query, folder, parts)
+        for path in stored.keys() - {merged}:  # not one that another run has written since
+            path.unlink(missing_ok=True)
 
     def _open(self, paths: Iterable[Path]) -> None:
         """Read what is new or has changed: check the hash in the name, then read the metadata."""
@@ -184,9 +179,10 @@ class ScoreFiles:
             if path.stem == f"part-{_digest(path)}":
                 sound.append(path)
         if sound:
+            adapter = TypeAdapter(list[Part])
             query = f"SELECT file_name, value FROM parquet_kv_metadata({_listed(sound)})"
             for name, value in self._database.execute(f"{query} WHERE key = 'geovp'").fetchall():
-                parts = TypeAdapter(list[Part]).validate_json(value)
+                parts = adapter.validate_json(value)
                 self._opened[Path(name)] = (self._opened[Path(name)][0], parts)
 
     def _query(
@@ -224,8 +220,7 @@ class ScoreFiles:
         for part in parts:
             alike = [part.method, part.fingerprint, part.metrics, part.code, part.peak_is_own]
             groups.setdefault(json.dumps(alike, sort_keys=True), []).append(part)
-        joint = [dataclasses.replace(joined(group), facts={}) for group in groups.values()]
-        records = [dataclasses.asdict(part) for part in joint]
+        records = [dataclasses.asdict(joined(group)) for group in groups.values()]
         about = json.dumps(records)
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{hashlib.sha256(about.encode()).hexdigest()[:16]}.{os.getpid()}.part"

@@ -1,21 +1,17 @@
-"""Results on disk: the only module that knows where which file is, and writes them so that a kill
-loses nothing.
+"""Results on disk: the only module that knows where which file is.
 
-    <root>/protocol.json                  data set, clip names, sizes, metrics, versions
-    <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory,
-    depths where known
-    <root>/<method>/method.json             components, privileged inputs, status, seconds per
-    stage, peak memory; see Method
-    <root>/<method>/scores/part-<hash>.parquet  one row per clip, sample, step and metric
-    <root>/<method>/predictions/<clip>.npz  the kept predictions
-    <root>/earlier/<fingerprint>/         methods and clips of other settings, which come back with
-    these
-    <root>/tables  plots  recordings  report.html     views of the above
-    <root>/datasets.json                  of several data sets: their labels, each with a folder
-    <root>/<label> as above
+    <root>/protocol.json                      data set, clip names, sizes, metrics, versions
+    <root>/clips/<clip>.<id>.npz              kept clips, by the id of the protocol's fingerprint
+    <root>/<method>/method.json               components, privileged inputs, status; see Method
+    <root>/<method>/scores/part-<hash>.parquet  a row per clip, sample, step and metric
+    <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by the method's fingerprint
+    <root>/tables  plots  recordings  report.html
+    <root>/datasets.json                      of several data sets: their labels
+    <root>/<label>/                           of several data sets: each as above
 
 Files are written next to their destination and renamed. Scores are stored by clip name, in one
-file per task until a run ends; the name of a score file holds a hash of its content.
+file per batch until a run ends; the name of a score file holds a hash of its content. Files of
+earlier settings stay, and count again with these settings.
 """
 
 from __future__ import annotations
@@ -34,7 +30,7 @@ from filelock import FileLock, Timeout
 
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import Part, ScoreFiles, Stored, newest
+from geovp_benchmarks.results.score_files import Part, ScoreFiles, newest
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
@@ -43,8 +39,7 @@ from geovp_classic.types import Clip, FloatArray, Prediction
 
 __all__ = ["NOT_METHODS", "Method", "Part", "Results", "Scores", "check_clip_name"]
 
-EARLIER = "earlier"
-NOT_METHODS = ("clips", "scores", "tables", "plots", "recordings", EARLIER)
+NOT_METHODS = ("clips", "scores", "tables", "plots", "recordings")
 T = TypeVar("T")
 
 
@@ -110,21 +105,13 @@ class Results:
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-
-        def read() -> Scores:
-            stored = self._sound(method)
-            return self.score_files.scores(stored, self._clips(stored))
-
-        return self._reread(read)
+        clips = self.protocol()["clips"]
+        return self._reread(lambda: self.score_files.scores(self._sound(method), clips))
 
     def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
         """Return means over all or the first steps [N, S] by metric, in the protocol's order."""
-
-        def read() -> dict[str, FloatArray]:
-            stored = self._sound(method)
-            return self.score_files.means(stored, self._clips(stored), num_steps)
-
-        return self._reread(read)
+        clips = self.protocol()["clips"]
+        return self._reread(lambda: self.score_files.means(self._sound(method), clips, num_steps))
 
     def failures(self, method: str) -> dict[str, str]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
@@ -136,34 +123,33 @@ class Results:
 
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """Return numbers that are known of the clips themselves, by clip and name."""
+        protocol = self.protocol()
+        parts = [part for name in protocol["methods"] for part in self.parts(name)]
+        facts = {clip: part.facts[clip] for part in parts for clip in part.facts}
+        return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
 
-        def read() -> dict[str, dict[str, float]]:
-            protocol = self.protocol()
-            paths = [path for name in protocol["methods"] for path in self._stored(name)]
-            facts = self.score_files.facts(paths)
-            return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
-
-        return self._reread(read)
-
-    def predictions(self, method: str) -> list[tuple[str, Path]]:
+    def predictions(self, method: str, fingerprint: str = "") -> list[tuple[str, Path]]:
         """Return (clip name, file) of the kept predictions of a method."""
-        return _named(self.root / method / "predictions")
+        return _named(self._prediction(method, "*", fingerprint))
 
     def prediction(self, method: str, clip: str) -> Prediction:
         """Return a kept prediction."""
-        return kept_files.read(self.root / method / "predictions" / _file(clip), Prediction)
+        return kept_files.read(self._prediction(method, quoted(clip)), Prediction)
 
-    def clips(self) -> list[tuple[str, Path]]:
+    def clips(self, fingerprint: str = "") -> list[tuple[str, Path]]:
         """Return (clip name, file) of the kept clips."""
-        return _named(self.root / "clips")
+        return _named(self._clip("*", fingerprint))
 
     def clip(self, name: str) -> Clip:
         """Return a kept clip, past and future, without full and right frames."""
-        return kept_files.read(self.root / "clips" / _file(name), Clip)
+        return kept_files.read(self._clip(quoted(name)), Clip)
 
-    def parts(self, method: str) -> list[Part]:
-        """Return how the clips of the method as it is now were scored; without damaged files."""
-        stored = self._reread(lambda: self._stored(method))
+    def parts(self, method: str, fingerprint: str = "") -> list[Part]:
+        """Return how the clips of a method were scored; without damaged files.
+
+        Those of the method as it is now, or of another fingerprint.
+        """
+        stored = self._reread(lambda: self._stored(method, fingerprint))
         return [part for parts in stored.values() for part in parts]
 
     def damaged_parts(self, method: str) -> list[Path]:
@@ -179,22 +165,30 @@ class Results:
             )
         return self._stored(method)
 
-    def _stored(self, method: str, *, only_wanted: bool = True) -> dict[Path, list[Part]]:
-        """Return the newest parts by file, of the protocol's or of all clips."""
-        path = self.root / method / "method.json"
-        fingerprint = records.read_method(path).fingerprint if path.exists() else None
+    def _stored(self, method: str, fingerprint: str = "") -> dict[Path, list[Part]]:
+        """Return the newest parts of the protocol's clips by file."""
+        fingerprint = fingerprint or self._fingerprint(method)
         fitting = {
             path: [part for part in parts or () if part.fingerprint == fingerprint]
             for path, parts in self.score_files.parts(method).items()
         }
-        return newest(fitting, self.protocol()["clips"] if only_wanted and self.begun else None)
+        return newest(fitting, self.protocol()["clips"] if self.begun else [])
 
-    def _clips(self, stored: Stored) -> list[str]:
-        """Return the clips of the protocol; without one, those with scores."""
-        if self.begun:
-            clips: list[str] = self.protocol()["clips"]
-            return clips
-        return [clip for parts in stored.values() for part in parts for clip in part.clips]
+    def _fingerprint(self, method: str) -> str:
+        """Return the fingerprint of a method as it is now."""
+        stored = self.root / method / "method.json"
+        return records.read_method(stored).fingerprint if stored.exists() else ""
+
+    def _prediction(self, method: str, stem: str, fingerprint: str = "") -> Path:
+        """Return the file of a prediction of the method as it is now or of a fingerprint."""
+        name = f"{stem}.{(fingerprint or self._fingerprint(method))[:8]}.npz"
+        return self.root / method / "predictions" / name
+
+    def _clip(self, stem: str, fingerprint: str = "") -> Path:
+        """Return the file of a clip of the protocol as it is now or of a fingerprint."""
+        if not fingerprint and self.begun:
+            fingerprint = str(self.protocol().get("fingerprint", ""))
+        return self.root / "clips" / f"{stem}.{fingerprint[:8]}.npz"
 
     def _reread(self, read: Callable[[], T], max_tries: int = 5) -> T:
         """Return what is read, again where a run has merged files meanwhile."""
@@ -220,7 +214,7 @@ class Results:
 
     def recording(self, clip: str) -> Path:
         """Return the file of the Rerun recording of a kept clip."""
-        return self.root / "recordings" / f"{_file(clip).removesuffix('.npz')}.rrd"
+        return self.root / "recordings" / f"{quoted(clip)}.rrd"
 
     # Writing
 
@@ -248,60 +242,21 @@ class Results:
         self.score_files.write(method, scored)
 
     def merge(self, method: str) -> None:
-        """Merge the score files of a method into one; scores of clips no longer wanted stay."""
+        """Merge the score files of a method into one; those of other clips and settings stay."""
         with suppress(Timeout, NotImplementedError), FileLock(self.root / ".merge.lock", timeout=0):
-            # A file that another run writes from here on is not removed.
-            stored = self.score_files.parts(method)
-            folder = self.root / method / "scores"  # a file that methods share stays
-            sound = [p for p, parts in stored.items() if parts is not None and p.parent == folder]
-            if len(sound) > 1:
-                newest_parts = self._stored(method, only_wanted=False)
-                self.score_files.merge(method, newest_parts, sound)
+            self.score_files.merge(method, self._fingerprint(method))
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
-        kept_files.write(self.root / method / "predictions" / _file(clip), prediction)
+        kept_files.write(self._prediction(method, quoted(clip)), prediction)
 
     def write_clip(self, clip: Clip) -> None:
         """Keep a clip, so that images and new scores need no data set."""
-        kept_files.write(self.root / "clips" / _file(clip.name), clip)
-
-    def swap(self, name: str, before: str, now: str) -> None:
-        """Set a method or the kept clips of a fingerprint aside; bring back those of another."""
-        current = self.root / name
-        aside, earlier = (self._earlier(each) / name for each in (before, now))
-        if not any(path.suffix in (".parquet", ".npz") for path in current.rglob("*")):
-            shutil.rmtree(current, ignore_errors=True)
-        if current.exists():
-            shutil.rmtree(aside, ignore_errors=True)
-            aside.parent.mkdir(parents=True, exist_ok=True)
-            current.rename(aside)
-        if earlier.exists():
-            earlier.rename(current)
-
-    def with_rows_of(self, method: str, fingerprint: str) -> Results:
-        """Return the folder with the scores of a fingerprint: this or an earlier one."""
-        now = self.method(method)
-        return (
-            self if now and now.fingerprint == fingerprint else Results(self._earlier(fingerprint))
-        )
-
-    def with_clips_of(self, fingerprint: str) -> Results:
-        """Return the folder with the kept clips of a protocol's fingerprint."""
-        is_now = self.begun and self.protocol()["fingerprint"] == fingerprint
-        return self if is_now else Results(self._earlier(fingerprint))
+        kept_files.write(self._clip(quoted(clip.name)), clip)
 
     def size_bytes(self, method: str, folder: str) -> int:
         """Return the size of a method's folder `scores` or `predictions`."""
         return sum(path.stat().st_size for path in (self.root / method / folder).glob("*"))
-
-    def set_aside(self) -> set[Path]:
-        """Return what is kept of other settings."""
-        return set((self.root / EARLIER).glob("*/*"))
-
-    def _earlier(self, fingerprint: str) -> Path:
-        """Return the folder of a fingerprint that was set aside."""
-        return self.root / EARLIER / (fingerprint[:16] or "unknown")
 
     def set_damaged_aside(self, method: str | None) -> list[Path]:
         """Rename damaged score files and predictions of a method, or of None damaged clips."""
@@ -317,25 +272,28 @@ class Results:
         shutil.rmtree(self.root / method, ignore_errors=True)
 
 
-def _file(clip: str) -> str:
-    """Return a file name from which the clip's name can be recovered."""
-    return quote(clip, safe="+@=, ") + ".npz"
+def quoted(clip: str) -> str:
+    """Return the part of a file name from which the name of a clip can be recovered."""
+    return quote(clip, safe="+@=, ")
 
 
 def check_clip_name(clip: str) -> None:
     """Raise BadData for a name of a clip that its kept files cannot have."""
     files.check_name(clip, "the clip")
-    max_bytes = 230  # of 255 that file systems allow: scratch files have longer names
-    if len(_file(clip)) > max_bytes:
-        size = (
-            f"{len(_file(clip))} bytes as a file's name, where letters beyond English count 3 to 12"
-        )
+    max_bytes = 225  # of 255 that file systems allow: scratch files have longer names
+    if len(quoted(clip)) > max_bytes:
         raise BadData(
-            f"the clip {clip[:40]!r}... takes {size}: give its sequence a name of "
-            f"{max_bytes} at most"
+            f"the clip {clip[:40]!r}... takes {len(quoted(clip))} bytes as a file's name, where "
+            f"letters beyond English count 3 to 12: give its sequence a name of {max_bytes} at most"
         )
 
 
-def _named(folder: Path) -> list[tuple[str, Path]]:
-    """Return (clip name, file) of the npz files of a folder."""
-    return [(unquote(path.stem), path) for path in sorted(folder.glob("[!.]*.npz"))]
+def _named(pattern: Path) -> list[tuple[str, Path]]:
+    """Return (clip name, file) of the files that match a pattern."""
+    paths = sorted(pattern.parent.glob(pattern.name))
+    end = pattern.name.removeprefix("*")
+    return [
+        (unquote(path.name.removesuffix(end)), path)
+        for path in paths
+        if not path.name.startswith(".")
+    ]

@@ -22,32 +22,36 @@ def dry_run(
     """
     plan = make_plan(matrix, results, options)
     missing = {method: plan.missing(method) for method in plan.records}
-    sources = {
-        method: results.with_rows_of(method.name, record["fingerprint"])
-        for method, record in plan.records.items()
-    }
     lines = [["method", "to do", "stored", "s per clip"]]
     total_s = size_bytes = 0.0
     with tempfile.TemporaryDirectory() as folder:
+        sources = dict.fromkeys(missing, results)
         untimed = [
             method
-            for method, source in sources.items()
-            if not getattr(source.method(method.name), "num_clips", 0)
+            for method, record in plan.records.items()
+            if not results.parts(method.name, record["fingerprint"])
         ]
         if untimed:
             trial = Results(Path(folder))
             run(matrix, trial, Options(limit=1, keep="1"), Serial(), progress)
             sources |= dict.fromkeys(untimed, trial)
         for method, clips in missing.items():
-            name, source = method.name, sources[method]
-            stored = source.method(name)
-            assert stored is not None
-            num_clips = stored.num_clips or 1
-            per_clip_s = sum(stored.seconds.values()) / num_clips
-            note = f"{stored.status}: {stored.reason}" if stored.reason else f"{per_clip_s:.2f}"
+            name, source, fingerprint = (
+                method.name,
+                sources[method],
+                plan.records[method]["fingerprint"],
+            )
+            stored, parts = source.method(name), source.parts(name, fingerprint)
+            num_clips = sum(len(part.clips) for part in parts) or 1
+            per_clip_s = sum(sum(part.seconds.values()) for part in parts) / num_clips
+            note = f"{per_clip_s:.2f}"
+            if stored is not None and stored.reason:
+                note = f"{stored.status}: {stored.reason}"
             lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
             total_s += len(clips) * per_clip_s
-            num_kept = len(clips & set(plan.kept.clips)) / (len(source.predictions(name)) or 1)
+            num_kept = len(clips & set(plan.kept.clips)) / (
+                len(source.predictions(name, fingerprint)) or 1
+            )
             size_bytes += len(clips) / num_clips * source.size_bytes(name, "scores")
             size_bytes += num_kept * source.size_bytes(name, "predictions")
     num_missing = sum(len(clips) for clips in missing.values())

@@ -116,11 +116,11 @@ class Plan:
         record = self.records[method]
         if not record["fingerprint"]:
             return set()
-        results = self.results.with_rows_of(method.name, record["fingerprint"])
-        clips = dict(self.results.with_clips_of(self.fingerprint).clips())
-        kept = clips.keys() & dict(results.predictions(method.name)).keys()
+        name, fingerprint = method.name, record["fingerprint"]
+        clips = dict(self.results.clips(self.fingerprint))
+        kept = clips.keys() & dict(self.results.predictions(name, fingerprint)).keys()
         missing = set(self.clips)
-        for part in results.parts(method.name):
+        for part in self.results.parts(name, fingerprint):
             is_scored = self.built.metrics.described.items() <= part.metrics.items()
             if is_scored and (part.code == record["code"] or not self.is_fresh):
                 missing.difference_update(part.clips)

@@ -72,12 +72,9 @@ def compute_missing(
 def begin(plan: Plan) -> None:
     """Write the records of the protocol and of all methods.
 
-    Results of other settings are set aside, and so are damaged files.
+    Damaged files are set aside.
     """
     results = plan.results
-    fingerprint = results.protocol()["fingerprint"] if results.begun else ""
-    if fingerprint != plan.fingerprint:
-        results.swap("clips", fingerprint, plan.fingerprint)
     results.write_protocol(plan.protocol)
     for name in (None, *plan.protocol["methods"]):
         for path in results.set_damaged_aside(name):
@@ -90,9 +87,6 @@ def begin(plan: Plan) -> None:
         is_same = stored and all(getattr(stored, key) == record[key] for key in asked)
         if stored and stored.num_clips and is_same and not record["fingerprint"]:
             continue  # computed on a machine that could build it
-        fingerprint = stored.fingerprint if stored else ""
-        if fingerprint != record["fingerprint"]:
-            results.swap(method.name, fingerprint, record["fingerprint"])
         results.write_method(method.name, record | totals([], ""))
 
 
@@ -123,7 +117,6 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
             logger.info("%s: %s\n%s", method.label, reason, traceback.rstrip())
             if len(failures) == sum(len(part.clips) for part in parts):  # nothing was predicted
                 outcome |= {"status": status, "reason": reason}
-                results.remove_method(method.name)
                 parts = []
         results.write_method(method.name, record | outcome | totals(parts, record["code"]))
 
