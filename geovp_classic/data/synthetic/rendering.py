@@ -56,7 +56,7 @@ def render_drive(
 ) -> Rendering:
     """Render the street at any times; pixels at edges are averages of four rays."""
 
-    def render(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def render(step: int) -> Rendering:
         caster = RayCaster(street.solids_at(times_s[step]))
         return _View(
             caster, street, optics, world_from_cam[step], camera
@@ -91,7 +91,7 @@ class _View:
     # contrast of light among neighbours at edges, (high - low) / (high + low)
     max_contrast: float = 0.5
 
-    def render(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def render(self) -> Rendering:
         """Return light [H, W, 3], depth [H, W] and moving [H, W].
 
         Pixels are averages of four rays if their neighbours show another texture, or if the
@@ -126,7 +126,8 @@ class _View:
         )
         inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
         depth = depth.reshape(shape).astype(np.float32)
-        return light[inner], depth[inner], is_moving.reshape(shape)[inner]
+        is_moving = is_moving.reshape(shape)
+        return Rendering(light[inner], depth[inner], is_moving[inner])
 
     def _trace(
         self, pixels: FloatArray
@@ -144,11 +145,9 @@ class _View:
         weather = self.street.weather
         is_moving = self._is_traffic(solids)
         texture = np.full(len(rays), -1)
-        light = np.empty_like(rays)
-        is_sky = solids < 0
-        light[is_sky] = weather.sky_light(_unit(rays[is_sky]))
+        light = weather.sky_light(_unit(rays))
 
-        seen = ~is_sky
+        seen = solids >= 0
         points = eye + depth[seen, None] * rays[seen]
         pixel_m = depth[seen] / self.camera.fx_px
         hits = self._hits(points, pixel_m, solids[seen], faces[seen])
@@ -186,8 +185,8 @@ class _View:
         pick = (np.arange(len(points))[:, None], across)
         uv_axes = frame[..., :3][pick]
         tile_m = TILE_M[texture]
-        tiles = 1 / np.linalg.norm(uv_axes, axis=-1) / np.maximum(tile_m, 1e-9)
-        tiles[tile_m == 0] = 1
+        tiles = 1 / (np.linalg.norm(uv_axes, axis=-1) * tile_m)
+        tiles[np.isnan(tiles)] = 1
         uv = tiles * local[pick]
         uv_axes *= tiles[..., None]
         ground = np.flatnonzero(texture == Texture.GROUND)

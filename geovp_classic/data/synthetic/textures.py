@@ -38,7 +38,7 @@ def column(name: str, default: Any) -> FloatArray:
     return np.array([table.get(name, default) for table in TABLES.values()])
 
 
-TILE_M = column("tile_m", [0.0, 0.0])  # 0: the image covers a surface once
+TILE_M = column("tile_m", [np.nan] * 2)  # NaN: the image covers a surface once
 
 
 def _noise(rng: Generator, slope: float, min_frequency: float) -> FloatArray:
