@@ -180,7 +180,7 @@ def test_a_second_run_of_a_protocol_waits_for_the_first(
     street: Path, command: Command, printed: Says
 ) -> None:
     printed(*run(street))
-    with hold(street.parent / "out", 0.5) as other:
+    with hold(street.parent / "out", 4) as other:
         ended = command(*run(street))
         assert ended.code == 0
         assert "waiting for another run in" in ended.err
