@@ -36,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
         database.execute(f"CREATE TABLE scores ({types})")
         columns = "$1, clip, sample, step + 1, $2, if(isnan(value), NULL, value)"
         for method in results.methods():
+            if method.status not in ("done", "partial"):  # its scores are those of a copy
+                continue
             scores = results.scores(method.name)
             for metric, values in scores.values.items():
                 indices = (index.ravel() for index in np.indices(values.shape))
