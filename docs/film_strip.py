@@ -22,7 +22,7 @@ def main() -> None:
     }
     strip = Page("street")
     rows = {name: prediction.frames[0] for name, prediction in predictions.items()}
-    ahead_s = target.times_s - context.times_s[context.num_past - 1]
+    ahead_s = context.times_s[10:] - context.times_s[9]
     clips.draw_strip(strip, rows, ahead_s, Options(width_in=6.0))
     strip.write(OUT)
 
