@@ -4,7 +4,6 @@ Neighbouring pixels may differ by one plane at a small cost and by more at a lar
 lower across edges of the image.
 """
 
-import functools
 from dataclasses import dataclass
 
 import numba
@@ -12,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.depth.matching import CostArray
-from geovp_classic.parallel import parallel_map
 from geovp_classic.types import ByteArray, FloatArray
 
 SumArray = npt.NDArray[np.uint16]
@@ -41,32 +39,13 @@ class SemiGlobalAggregation:
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
         """Return the path costs [H, W, N], summed over all eight directions."""
-        height, width, num_planes = costs.shape
         sums = np.empty(costs.shape, np.uint16)
-        # The upward pass is the downward one on an image turned by 180 degrees.
-        large_steps = [
-            self._large_steps(turned) for turned in (image, image[::-1, ::-1])
-        ]
-        down = np.full((2, 2, 3, width, num_planes + 3), INFINITE)
-
-        def follow(is_upward: bool, is_second: bool) -> None:
-            middle = (height + is_upward) // 2
-            _follow(
-                costs,
-                is_upward,
-                (middle, height) if is_second else (0, middle),
-                self.small_step_cost,
-                large_steps[is_upward],
-                down[int(is_upward)],
-                is_second,
-                sums,
-            )
-
-        # The passes meet in the middle; then each adds to what the other wrote.
-        for is_second in (False, True):
-            parallel_map(
-                functools.partial(follow, is_second=is_second), (False, True)
-            )
+        # The upward pass is the downward one on an image turned by 180 degrees; it adds to the
+        # sums, of which a second volume would take longer.
+        for is_upward in (False, True):
+            turned = image[::-1, ::-1] if is_upward else image
+            large_steps = self._large_steps(turned)
+            _follow(costs, is_upward, self.small_step_cost, large_steps, sums)
         return sums
 
     def _large_steps(self, image: ByteArray) -> PathArray:
@@ -92,13 +71,9 @@ def winners(
 
     The lead is in costs of one direction.
     """
-    levels = np.empty(sums.shape[:2], np.float32)
-    lead = np.empty(sums.shape[:2], np.float32)
-
-    def judge(row: int) -> None:
-        _judge(sums[row], num_neighbours, levels[row], lead[row])
-
-    parallel_map(judge, range(len(sums)))
+    levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
+    by_pixel = sums.reshape(levels.size, -1)
+    _judge(by_pixel, num_neighbours, levels.ravel(), lead.ravel())
     return levels, lead / 8
 
 
@@ -115,16 +90,16 @@ def excess_cost(
 
 @numba.njit(nogil=True, cache=True)
 def _judge(
-    sums: SumArray,  # [W, N]
+    sums: SumArray,  # [M, N]
     num_neighbours: int,
-    levels: FloatArray,  # [W], written
-    lead: FloatArray,  # [W], written
+    levels: FloatArray,  # [M], written
+    lead: FloatArray,  # [M], written
 ) -> None:
-    """Find the best plane and its lead over rivals in the sums of a row."""
+    """Find the best plane of each pixel and its lead over rivals."""
     worst = np.uint16(2**16 - 1)
     num_planes = sums.shape[1]
-    for column in range(len(sums)):
-        total = sums[column]
+    for pixel in range(len(sums)):
+        total = sums[pixel]
         lowest = worst
         for n in range(num_planes):
             lowest = min(lowest, total[n])
@@ -136,30 +111,25 @@ def _judge(
             rival = min(rival, total[n])
         for n in range(best + num_neighbours + 1, num_planes):
             rival = min(rival, total[n])
-        lead[column] = rival - lowest
-        levels[column] = best
+        lead[pixel] = rival - lowest
+        levels[pixel] = best
         if 0 < best < num_planes - 1:
             before = np.float32(total[best - 1])
             after = np.float32(total[best + 1])
             curvature = before + after - 2 * np.float32(lowest)
             offset = (before - after) / (2 * max(curvature, np.float32(1)))
-            levels[column] += offset
+            levels[pixel] += offset
 
 
 @numba.njit(nogil=True, cache=True)
 def _follow(
     costs: CostArray,  # [H, W, N]
     is_upward: bool,
-    rows: tuple[
-        int, int
-    ],  # first and behind the last, in the order of the pass
     small_step: int,
     large_steps: PathArray,  # [4, H, W], in the order of the pass
-    down: PathArray,  # [2, 3, W, N + 3], paths to the last row and to this one; changed
-    is_added: bool,
-    sums: SumArray,  # [H, W, N], written or added to
+    sums: SumArray,  # [H, W, N]; the upward pass adds to them, the downward one writes them
 ) -> None:
-    """Sum the costs of the four paths of one pass in some rows.
+    """Sum the costs of the four paths of one pass.
 
     Paths have a margin of one plane on either side, which is never the best one, and end with
     their lowest cost.
@@ -171,7 +141,10 @@ def _follow(
     along_row = np.full(
         (2, num_planes + 3), INFINITE
     )  # to the last pixel and to this one
-    for i in range(rows[0], rows[1]):
+    down = np.full(
+        (2, 3, width, num_planes + 3), INFINITE
+    )  # to the last row and to this one
+    for i in range(height):
         last_row = down[(i + 1) % 2]
         this_row = down[i % 2]
         for j in range(width):
@@ -210,7 +183,7 @@ def _follow(
                     + vertical[n + 1]
                     + right[n + 1]
                 )
-                before = total[n] if is_added else np.uint16(0)
+                before = total[n] if is_upward else np.uint16(0)
                 total[n] = np.uint16(before + path_sum)
 
 

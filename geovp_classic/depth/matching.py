@@ -18,9 +18,7 @@ CostArray = npt.NDArray[np.uint8]
 
 RADIUS_PX = 2  # of a window; a constant, since the kernel writes its sums out
 WINDOW_PX = 2 * RADIUS_PX + 1
-MEAN_GREY = np.float32(
-    128
-)  # subtracted, so that rounding errors of sums stay small
+PLANES_PER_TASK = 24  # of a thread
 
 
 @dataclass(frozen=True)
@@ -48,65 +46,54 @@ class WindowCorrelation:
         inverse_depths: FloatArray,  # [N], of the planes
     ) -> CostArray:
         """Return the costs [H, W, N], averaged over the sources that see a point."""
-        height, width = reference.shape
         num_planes = len(inverse_depths)
-        images = sources.astype(np.float32) - MEAN_GREY
+        images = sources.astype(np.float32)
         windows = self._windows(reference)
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
         near_costs = self._near_costs(num_planes)
-        homographies = np.repeat(infinity_from_pixel[None], num_planes, axis=0)
-        homographies[..., 2] += inverse_depths[:, None, None] * epipoles
-        costs = np.empty((height, width, num_planes), np.uint8)
-        num_rows = max(
-            64, 2**15 // width
-        )  # of a band, small enough for the caches
+        volume = np.empty((num_planes, *reference.shape), np.uint8)
 
-        def match_rows(top: int) -> None:
-            # Windows of the band reach beyond it.
-            first = max(top - RADIUS_PX, 0)
-            rows = slice(first, top + num_rows + RADIUS_PX)
-            band_windows = np.ascontiguousarray(windows[:, rows])
-            size = band_windows.shape[1:]
-            band_costs = costs[top : top + num_rows]
-            volume = np.empty((num_planes, *band_costs.shape[:2]), np.uint8)
-            maps = homographies @ [[1, 0, 0], [0, 1, first], [0, 0, 1]]
-            warped = np.empty(size, np.float32)
+        def match_planes(first: int) -> None:
+            warped = np.empty(reference.shape, np.float32)
 
             def add_scores(
                 plane: int, is_used: BoolArray, scores: FloatArray
-            ) -> None:
+            ) -> FloatArray:
+                inverse_depth = inverse_depths[min(plane, num_planes - 1)]
                 for s in np.flatnonzero(is_used):
-                    homography = maps[min(plane, num_planes - 1), s]
+                    homography = infinity_from_pixel[s].copy()
+                    homography[:, 2] += inverse_depth * epipoles[s]
                     self._add_source(
-                        band_windows, images[s], homography, warped, scores
+                        windows, images[s], homography, warped, scores
                     )
+                return scores
 
-            before, after, scores = np.zeros((3, 2, *size), np.float32)
-            add_scores(0, is_short, after)
-            for plane in range(num_planes):
+            no_scores = np.zeros((2, *reference.shape), np.float32)
+            scores = no_scores.copy()
+            after = add_scores(first, is_short, no_scores.copy())
+            last = min(first + PLANES_PER_TASK, num_planes)
+            for plane in range(first, last):
                 step = plane % self.short_stride
                 if step == 0:
-                    before, after = after, before
-                    after[:] = 0
-                    add_scores(plane + self.short_stride, is_short, after)
+                    before = after
+                    next_plane = plane + self.short_stride
+                    after = add_scores(next_plane, is_short, no_scores.copy())
                 weight = step / self.short_stride
                 cv2.addWeighted(before, 1 - weight, after, weight, 0, scores)
                 add_scores(plane, ~is_short, scores)
                 _write_mean_costs(
                     scores,
-                    top - first,
                     np.float32(255 - self.max_near_cost),
                     np.uint8(self.unseen_cost),
                     near_costs[plane],
                     volume[plane],
                 )
-            # OpenCV transposes in blocks, ten times as fast as NumPy.
-            by_pixel = band_costs.reshape(-1, num_planes)
-            cv2.transpose(volume.reshape(num_planes, -1), by_pixel)
 
-        parallel_map(match_rows, range(0, height, num_rows))
-        return costs
+        parallel_map(match_planes, range(0, num_planes, PLANES_PER_TASK))
+        # OpenCV transposes in blocks, ten times as fast as NumPy.
+        costs = cv2.transpose(volume.reshape(num_planes, -1))
+        return np.asarray(costs, np.uint8).reshape(*reference.shape, num_planes)
 
     def is_seen(
         self,
@@ -127,7 +114,7 @@ class WindowCorrelation:
 
     def _windows(self, reference: ByteArray) -> FloatArray:
         """Return grey values, window means and inverse standard deviations [3, H, W]."""
-        grey = reference.astype(np.float32) - MEAN_GREY
+        grey = reference.astype(np.float32)
         window = (WINDOW_PX, WINDOW_PX)
         border = cv2.BORDER_REPLICATE
         mean = cv2.boxFilter(grey, cv2.CV_32F, window, borderType=border)
@@ -151,7 +138,7 @@ class WindowCorrelation:
         cv2.warpPerspective(
             image,
             source_from_reference,
-            warped.shape[::-1],
+            image.shape[::-1],
             warped,
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
@@ -162,7 +149,6 @@ class WindowCorrelation:
             inverse_deviation,
             warped,
             source_from_reference.astype(np.float32),
-            np.float32(len(image)),
             np.float32(self.noise_variance),
             scores,
         )
@@ -171,18 +157,16 @@ class WindowCorrelation:
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _write_mean_costs(
     scores: FloatArray,  # [2, H, W]
-    first_row: int,
     max_cost: np.float32,
     unseen_cost: np.uint8,
     near_cost: np.uint8,
-    costs: CostArray,  # [H', W], written
+    costs: CostArray,  # [H, W], written
 ) -> None:
     """Write the mean costs of the sources that see a pixel."""
     for row in range(costs.shape[0]):
         for x in range(costs.shape[1]):
-            count = scores[1, first_row + row, x]
-            cost = max_cost * scores[0, first_row + row, x]
-            cost /= max(count, np.float32(1e-6))
+            count = scores[1, row, x]
+            cost = max_cost * scores[0, row, x] / max(count, np.float32(1e-6))
             mean = np.uint8(cost) if count > 0 else unseen_cost
             costs[row, x] = mean + near_cost
 
@@ -192,9 +176,8 @@ def _add_scores(
     reference: FloatArray,  # [H, W]
     window_mean: FloatArray,  # [H, W], of the reference
     inverse_deviation: FloatArray,  # [H, W], of the reference
-    warped: FloatArray,  # [H, W], source image there
+    warped: FloatArray,  # [H, W], source image
     source_from_reference: FloatArray,  # [3, 3]
-    source_height: np.float32,
     noise_variance: np.float32,
     scores: FloatArray,  # [2, H, W], added to
 ) -> None:
@@ -206,18 +189,20 @@ def _add_scores(
     num_pixels = np.float32(WINDOW_PX * WINDOW_PX)
     h = source_from_reference
     last_u = np.float32(width) - half
-    last_v = source_height - half
-    columns = np.zeros(
+    last_v = np.float32(height) - half
+    columns = np.empty(
         (3, width + 2 * RADIUS_PX), np.float32
     )  # sums over five rows
     values, squares, products = columns
-    for row in range(-RADIUS_PX - 1, RADIUS_PX):
-        above = max(row, 0)
-        _slide(warped, reference, above, above, zero, columns)
     for row in range(height):
-        below = min(row + RADIUS_PX, height - 1)
-        above = max(row - RADIUS_PX - 1, 0)
-        _slide(warped, reference, below, above, unit, columns)
+        columns[:] = zero
+        for i in range(row - RADIUS_PX, row + RADIUS_PX + 1):
+            y = min(max(i, 0), height - 1)
+            for x in range(width):
+                value = warped[y, x]
+                columns[0, x + RADIUS_PX] += value
+                columns[1, x + RADIUS_PX] += value * value
+                columns[2, x + RADIUS_PX] += value * reference[y, x]
         for k in range(3):
             columns[k, :RADIUS_PX] = columns[k, RADIUS_PX]
             columns[k, -RADIUS_PX:] = columns[k, -RADIUS_PX - 1]
@@ -243,27 +228,6 @@ def _add_scores(
                 max(unit - correlation, zero), unit
             )
             scores[1, row, x] += weight
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _slide(
-    warped: FloatArray,  # [H, W]
-    reference: FloatArray,  # [H, W]
-    entering: int,
-    leaving: int,
-    weight: np.float32,  # of the row that leaves
-    columns: FloatArray,  # [3, W + 2 RADIUS_PX], changed
-) -> None:
-    """Add a row to the sums of values, squares and products, and subtract another."""
-    for x in range(warped.shape[1]):
-        new = warped[entering, x]
-        old = weight * warped[leaving, x]
-        columns[0, x + RADIUS_PX] += new - old
-        columns[1, x + RADIUS_PX] += new * new - old * old
-    for x in range(warped.shape[1]):
-        new = warped[entering, x] * reference[entering, x]
-        old = weight * warped[leaving, x] * reference[leaving, x]
-        columns[2, x + RADIUS_PX] += new - old
 
 
 @numba.njit(nogil=True, inline="always")

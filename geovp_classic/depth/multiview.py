@@ -57,7 +57,8 @@ class Multiview:
     frames: tuple[int, ...] = (
         -1,
     )  # steps to estimate, counted from the end when negative
-    num_planes: int = 96
+    num_planes: int = 96  # for images of up to `tall_px` rows; proportionally more for taller ones
+    tall_px: int = 256
     sources: SourceSelection = field(default_factory=SourceSelection)
     spacing: PlaneSpacing = field(default_factory=PlaneSpacing)
     matching: WindowCorrelation = field(default_factory=WindowCorrelation)
@@ -143,8 +144,11 @@ class Multiview:
         camera: Intrinsics,
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return inverse depth and confidence [H, W] of an image; None without parallax."""
+        num_planes = round(
+            self.num_planes * max(1, camera.height_px / self.tall_px)
+        )
         planes, step_px = self.spacing.spaced(
-            source_from_reference, camera, self.num_planes
+            source_from_reference, camera, num_planes
         )
         intrinsics = camera.matrix
         rotations = source_from_reference[:, :3, :3]
@@ -160,7 +164,7 @@ class Multiview:
         if not self.spacing.has_parallax(levels * step_px):
             return None
         inverse_depth: FloatArray = np.interp(
-            levels, np.arange(len(planes)), planes
+            levels, np.arange(num_planes), planes
         )
 
         ground = self.ground and self.ground.plane.fit(inverse_depth, camera)
@@ -168,7 +172,7 @@ class Multiview:
             inverse_depth = self.ground.lift(
                 inverse_depth, sums, planes, ground, camera
             )
-            levels = np.interp(inverse_depth, planes, np.arange(len(planes)))
+            levels = np.interp(inverse_depth, planes, np.arange(num_planes))
         is_wrong = find_islands(levels, self.max_speckle_fraction)
         if self.ground and ground:
             islands = (

@@ -9,12 +9,14 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.depth.multiview import LevelRoad, Multiview
+from geovp_classic.depth.viewpoints import PlaneSpacing
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import (
     BoolArray,
     Context,
     FloatArray,
+    Intrinsics,
     PrivilegedInput,
     Trajectory,
 )
@@ -79,6 +81,23 @@ def test_the_unit_of_the_poses_is_the_unit_of_the_depth(observe: Observe) -> Non
     same = np.isclose(per_foot, 0.3048 * in_metres, rtol=0.01, atol=1e-4)
     assert same[-1].mean() > 0.999  # a tie may fall either way
     assert np.isclose(same_confidence, confidence, atol=0.02)[-1].mean() > 0.99
+
+
+def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
+    context, past, _ = observe(_drive(2))
+    planes: list[int] = []
+
+    class CountedSpacing(PlaneSpacing):
+        def spaced(
+            self, poses: FloatArray, camera: Intrinsics, num_planes: int
+        ) -> tuple[FloatArray, float]:
+            planes.append(num_planes)
+            return super().spaced(poses, camera, num_planes)
+
+    for tall_px in (56, 112, 224):  # the images have 112 rows
+        multiview = Multiview(num_planes=20, tall_px=tall_px, spacing=CountedSpacing())
+        multiview.inverse_depths(context, past)
+    assert planes == [40, 20, 20]
 
 
 def test_settings_are_built_and_described() -> None:
