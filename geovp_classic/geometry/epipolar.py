@@ -8,6 +8,7 @@ pixel moves along its epipolar line.
 from dataclasses import dataclass
 from typing import Self
 
+import cv2
 import numpy as np
 
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
@@ -50,7 +51,8 @@ class Epipolar:
             at + q * b for at, b in zip(self._at(q), self.epipole, strict=True)
         )
         z = np.maximum(ratio, np.float32(1e-3))
-        return np.stack([x / z, y / z], axis=-1), ratio
+        pixels = cv2.merge((x / z, y / z))
+        return np.asarray(pixels, np.float32), ratio
 
     def _at(self, like: FloatArray) -> tuple[FloatArray, ...]:
         """Return A (u, v, 1) for the pixels of an array [H, W], one array per row of A."""

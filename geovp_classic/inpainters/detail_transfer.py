@@ -10,7 +10,6 @@ from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering.detail_transfer import wide_blur
-from geovp_classic.rendering.source import to_bytes
 from geovp_classic.types import ByteArray, Views
 
 
@@ -46,7 +45,7 @@ class DetailTransfer:
             if covered.all():
                 return inpainted[step]
             coarse = wide_blur(inpainted[step], sigma_px)
-            detailed = to_bytes(coarse + detail)
+            detailed = cv2.add(coarse, detail, dtype=cv2.CV_8U)
             is_covered = covered.astype(np.uint8)
             return np.asarray(
                 cv2.copyTo(inpainted[step], is_covered, detailed), np.uint8

@@ -9,6 +9,7 @@ Adelson 1983).
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -41,7 +42,9 @@ class MagnifiedDetail:
     def transfer(
         self,
         frames: ByteArray,  # [F, H, W, 3]
-        magnification: FloatArray,  # [F, H, W] float32, 1 where nothing was lost
+        magnification: Sequence[
+            FloatArray
+        ],  # F maps [H, W] float32, 1 where nothing was lost
         observed: ByteArray,  # [H, W, 3]
     ) -> ByteArray:
         """Return the frames with the bands that magnification removed."""
@@ -84,7 +87,7 @@ def wide_blur(
     sigma_px: float,
 ) -> FloatArray:
     """Blur with a Gaussian that is wide compared to a pixel, on a smaller image for speed."""
-    shrink = max(1, int(sigma_px / 3))
+    shrink = int((sigma_px + 6) / 5)  # at least 2 px remain
     height, width = image.shape[:2]
     small_width = max(1, width // shrink)
     small_height = max(1, height // shrink)

@@ -324,8 +324,8 @@ def _shrunk(camera: Intrinsics, scale: float) -> Intrinsics:
 def _histogram(frame: ByteArray) -> FloatArray:
     """Return the fractions [256] of the grey values of a frame."""
     grey = pinhole.grey8(frame)
-    counts = np.bincount(grey.ravel(), minlength=256)
-    return counts / counts.sum()
+    counts = cv2.calcHist([grey], [0], None, [256], (0, 256)).ravel()
+    return counts / np.float64(grey.size)
 
 
 def _log(mean: float) -> float:

@@ -138,7 +138,7 @@ class CloudScene:
         )
         if self.detail is None:
             return views
-        magnification = np.stack([view[3] for view in rendered])
+        magnification = [view[3] for view in rendered]
         frames = self.detail.transfer(views.frames, magnification, last)
         return Views(frames, views.covered, views.depths)
 
@@ -150,7 +150,7 @@ def close_cracks(
 ) -> tuple[FloatArray, IndexArray]:
     """Close gaps of at most 2 crack_px between surfaces.
 
-    In each round the pixels of gaps take the max_depth of their four neighbours.
+    In each round the pixels of gaps take the farthest of their four neighbours.
     """
     is_seen = (source_index != NO_INDEX).astype(np.uint8)
     size_px = 2 * crack_px + 1
@@ -163,11 +163,12 @@ def close_cracks(
     gaps = np.flatnonzero(np.pad(is_gap, 1))
     width = padded.shape[1]
     for _ in range(2 * crack_px):
-        neighbours = gaps[:, None] + [-width, width, -1, 1]
-        side = depth[neighbours].argmin(axis=1)
-        max_depth = neighbours[np.arange(len(gaps)), side]
-        depth[gaps] = depth[max_depth]
-        index[gaps] = index[max_depth]
+        background = gaps - width
+        for neighbour in (gaps + width, gaps - 1, gaps + 1):
+            is_farther = depth[neighbour] < depth[background]
+            background = np.where(is_farther, neighbour, background)
+        depth[gaps] = depth[background]
+        index[gaps] = index[background]
         gaps = gaps[index[gaps] == NO_INDEX]
     closed_depth = depth.reshape(padded.shape)[1:-1, 1:-1]
     closed_index = index.reshape(padded.shape)[1:-1, 1:-1]

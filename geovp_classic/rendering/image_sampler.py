@@ -1,5 +1,6 @@
 """Colours of a view, sampled from the source images that show its surfaces."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -36,10 +37,8 @@ class ImageSampler:
 
         Pixels that no source shows are black, and their magnification is infinite.
         """
-        size = source_index.shape
-        colours = np.zeros((*size, 3), np.float32)
-        covered = np.zeros(size, bool)
-        magnification = np.full(size, np.inf, np.float32)
+        layers = []  # colours from each source, 0 where it is not shown
+        magnification = np.full(source_index.shape, np.inf, np.float32)
         for index, (fine, coarse) in enumerate(
             zip(self.fine, self.coarse, strict=True)
         ):
@@ -50,12 +49,10 @@ class ImageSampler:
             magnified = ratio * (
                 self.camera.fx_px / (fine.camera.fx_px * fine.resolution)
             )
-            colours += _blend(
-                fine, coarse, pixels, is_shown, magnified
-            )  # 0 where not shown
+            layers.append(_blend(fine, coarse, pixels, is_shown, magnified))
             magnification = np.where(is_shown, magnified, magnification)
-            covered |= is_shown
-        return to_bytes(colours), covered, magnification
+        colours = functools.reduce(np.add, layers)
+        return to_bytes(colours), np.isfinite(magnification), magnification
 
 
 def _blend(
@@ -65,7 +62,7 @@ def _blend(
     is_shown: BoolArray,  # [H, W]
     magnified: FloatArray,  # [H, W], pixels of the view per pixel of the fine image
 ) -> FloatArray:
-    """Blend colours [H, W, 3] float32 of both images, linearly in the magnification."""
+    """Blend colours [H, W, C] float32 of both images, linearly in the magnification."""
     if fine is coarse:
         return fine.sample(pixels, is_shown)
     coarsest = coarse.resolution / fine.resolution

@@ -38,12 +38,8 @@ class Patches:
 
 def concatenate(clouds: Sequence[Patches]) -> Patches:
     """Concatenate clouds; where patches are equally near, earlier ones are rendered."""
-    return Patches(
-        np.concatenate([cloud.pixels for cloud in clouds]),
-        np.concatenate([cloud.inverse_depth for cloud in clouds]),
-        np.concatenate([cloud.slope for cloud in clouds]),
-        np.concatenate([cloud.source for cloud in clouds]),
-    )
+    fields = zip(*(vars(cloud).values() for cloud in clouds), strict=True)
+    return Patches(*map(np.concatenate, fields))
 
 
 @dataclass(frozen=True)
@@ -119,48 +115,30 @@ class PatchModel:
         if stride > 1:
             is_used = cloud.pixels.astype(int) % stride == stride // 2
             used = np.flatnonzero(is_used.all(axis=1))
-        pixels = cloud.pixels[used]
-        inverse_depth = cloud.inverse_depth[used]
-        slope = cloud.slope[used]
-        source = cloud.source[used]
+        patches = tuple(values[used] for values in vars(cloud).values())
         numbers = np.append(used, NO_INDEX).astype(np.int32)
-        size = (camera.height_px, camera.width_px)
+        size = (len(world_from_cam), camera.height_px, camera.width_px)
+        z_buffer = np.full(size, -1, np.float32)
+        winner = np.full(size, NO_INDEX, np.int32)
+        half_px = np.float32(stride * self.half_px)
 
-        def rasterise(pose: FloatArray) -> tuple[FloatArray, IndexArray]:
-            cam_from_world = se3.inverse(pose)
-            maps = [
-                Epipolar.of(
-                    source.camera,
-                    cam_from_world @ source.world_from_source,
-                    camera,
-                )
-                for source in sources
-            ]
-            to_view = np.stack(
-                [
-                    np.column_stack([epipolar.infinity, epipolar.epipole])
-                    for epipolar in maps
-                ]
-            )
-            z_buffer = np.full(size, -1, np.float32)
-            winner = np.full(size, NO_INDEX, np.int32)
-            half_px = np.float32(stride * self.half_px)
+        def rasterise(step: int) -> None:
+            cam_from_world = se3.inverse(world_from_cam[step])
+            to_view = []
+            for source in sources:
+                cam_from_source = cam_from_world @ source.world_from_source
+                maps = Epipolar.of(source.camera, cam_from_source, camera)
+                to_view.append(np.column_stack([maps.infinity, maps.epipole]))
             rasterise_view(
-                pixels,
-                inverse_depth,
-                slope,
-                source,
-                to_view,
+                patches,
+                np.stack(to_view),
                 half_px,
-                z_buffer,
-                winner,
+                z_buffer[step],
+                winner[step],
             )
-            return z_buffer, numbers[winner]
 
-        z_buffers, winners = zip(
-            *parallel_map(rasterise, world_from_cam), strict=True
-        )
-        return np.stack(z_buffers), np.stack(winners)
+        parallel_map(rasterise, range(len(world_from_cam)))
+        return z_buffer, winner if stride == 1 else numbers[winner]
 
 
 def depths(

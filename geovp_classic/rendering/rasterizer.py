@@ -21,10 +21,7 @@ MAX_S = np.float32(1.0001)
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def rasterise_view(
-    pixels: FloatArray,  # [N, 2], middle (u, v) of each patch in its source
-    inverse_depth: FloatArray,  # [N]
-    slope: FloatArray,  # [N, 2], of the inverse depth per pixel along u and v
-    source: IndexArray,  # [N]
+    patches: tuple[FloatArray, ...],  # fields of `Patches`
     to_view: FloatArray,  # [S, 3, 4], from (u, v, 1, inverse depth) to homogeneous pixels
     half_px: np.float32,  # half the side of a patch in its source
     z_buffer: FloatArray,  # [H, W], inverse depth; written
@@ -37,6 +34,7 @@ def rasterise_view(
     # Of a ray's length; patches nearer to the camera are not rasterised.
     min_z = np.float32(1e-3)
     height, width = z_buffer.shape
+    pixels, inverse_depth, slope, source = patches
     for n in range(len(source)):
         k = source[n]
         u = pixels[n, 0]
@@ -95,8 +93,18 @@ def _draw_patch(
     height, width = z_buffer.shape
     x, y, z = middle
     q, q_d, q_e = inverse_depth
-    left, right = _extent(d[0], e[0], z, d[2], e[2])
-    top, bottom = _extent(d[1], e[1], z, d[2], e[2])
+    # How far the corners reach beyond the middle, in pixels.
+    left = right = top = bottom = np.float32(0)
+    for corner in range(4):
+        s = np.float32(1 - 2 * (corner % 2))
+        t = np.float32(1 - 2 * (corner // 2))
+        per_z = MAX_S / (z + s * d[2] + t * e[2])
+        corner_x = (s * d[0] + t * e[0]) * per_z
+        corner_y = (s * d[1] + t * e[1]) * per_z
+        left = min(left, corner_x)
+        right = max(right, corner_x)
+        top = min(top, corner_y)
+        bottom = max(bottom, corner_y)
     first_column = int(max(np.ceil(x + left), 0))
     last_column = int(min(np.floor(x + right), width - 1))
     first_row = int(max(np.ceil(y + top), 0))
@@ -118,28 +126,10 @@ def _draw_patch(
             j = np.float32(row) - y
             scale = normal_x * i + normal_y * j + normal_z
             limit = max_s_per_z * abs(scale)
+            value = q_middle + q_x * i + q_y * j
+            is_nearer = value > z_buffer[row, column]
             is_inside_s = abs(e[1] * i - e[0] * j) <= limit
-            if is_inside_s and abs(d[0] * j - d[1] * i) <= limit:
-                value = q_middle + q_x * i + q_y * j
-                if value > z_buffer[row, column]:
-                    z_buffer[row, column] = value
-                    winner[row, column] = number
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _extent(
-    d: np.float32,
-    e: np.float32,
-    z: np.float32,
-    d_z: np.float32,
-    e_z: np.float32,
-) -> tuple[np.float32, np.float32]:
-    """Return how far the corners reach below and above the middle along one axis, in pixels."""
-    low = high = np.float32(0)
-    for corner in range(4):
-        s = np.float32(1 - 2 * (corner % 2))
-        t = np.float32(1 - 2 * (corner // 2))
-        position = MAX_S * (s * d + t * e) / (z + s * d_z + t * e_z)
-        low = min(low, position)
-        high = max(high, position)
-    return low, high
+            is_inside_t = abs(d[0] * j - d[1] * i) <= limit
+            if is_nearer & is_inside_s & is_inside_t:
+                z_buffer[row, column] = value
+                winner[row, column] = number

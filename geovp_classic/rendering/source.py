@@ -7,13 +7,14 @@ import cv2
 import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.epipolar import Epipolar, inside
+from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 # Images are enlarged once by Lanczos' kernel, and sampled bicubically. This takes a quarter of the
 # time of sampling with `INTER_LANCZOS4`. An odd factor keeps the pixels themselves.
 ENLARGEMENT = 3
 MARGIN_PX = 4  # half the size of OpenCV's Lanczos kernel
+FRAME_PX = 2 * MARGIN_PX * ENLARGEMENT  # both margins of the enlarged image
 
 
 @dataclass(frozen=True)
@@ -49,36 +50,45 @@ class Source:
         self, pixels: FloatArray, ratio: FloatArray, min_ratio: float = 1e-3
     ) -> BoolArray:
         """Return which projected points [H, W] lie in front of the source and in its image."""
-        return (ratio > min_ratio) & inside(pixels, self.camera, border_px=0.5)
+        corner = self.camera.width_px - 0.5, self.camera.height_px - 0.5
+        is_inside = cv2.inRange(pixels, (-0.5, -0.5), corner)
+        return (ratio > min_ratio) & (is_inside > 0)
 
     def sample(
         self,
         pixels: FloatArray,  # [H, W, 2] float32, inside the image where it is sampled
         is_sampled: BoolArray,  # [H, W]
     ) -> FloatArray:
-        """Sample colours [H, W, 3] float32; 0 where they are not sampled."""
+        """Sample colours [H, W, C] float32; 0 where they are not sampled.
+
+        C is 1 for a grey image, else 3.
+        """
         height, width = self._enlarged.shape[:2]
-        scale_u = (width / ENLARGEMENT - 2 * MARGIN_PX) / self.camera.width_px
-        scale_v = (height / ENLARGEMENT - 2 * MARGIN_PX) / self.camera.height_px
-        u = (pixels[..., 0] + 0.5) * scale_u + MARGIN_PX
-        v = (pixels[..., 1] + 0.5) * scale_v + MARGIN_PX
-        u = np.where(is_sampled, u * ENLARGEMENT - 0.5, -1e4)
-        v = v * ENLARGEMENT - 0.5
+        scale_u = (width - FRAME_PX) / self.camera.width_px
+        scale_v = (height - FRAME_PX) / self.camera.height_px
+        u, v = cv2.split(pixels)
+        u = u * scale_u + (scale_u + FRAME_PX - 1) / 2
+        v = v * scale_v + (scale_v + FRAME_PX - 1) / 2
         colours = cv2.remap(
             self._enlarged,
-            u.astype(np.float32),
-            v.astype(np.float32),
+            np.where(is_sampled, u, np.float32(-1e4)),
+            v,
             cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_CONSTANT,
         )
-        return np.asarray(colours, np.float32)
+        return np.asarray(colours, np.float32).reshape(*is_sampled.shape, -1)
 
     @functools.cached_property
     def _enlarged(self) -> FloatArray:
-        """Return the enlarged image, float32, with margins that continue its border."""
-        margin = MARGIN_PX
+        """Return the enlarged image, float32, with margins that continue its border.
+
+        One channel holds a grey image.
+        """
+        is_grey = (self.frame == self.frame[..., :1]).all()
         framed = cv2.copyMakeBorder(
-            self.frame, margin, margin, margin, margin, cv2.BORDER_REPLICATE
+            self.frame[..., :1] if is_grey else self.frame,
+            *(MARGIN_PX,) * 4,
+            cv2.BORDER_REPLICATE,
         )
         enlarged = cv2.resize(
             framed.astype(np.float32),
@@ -121,8 +131,11 @@ def warp(
 
 
 def to_bytes(colours: FloatArray) -> ByteArray:
-    """Return colours [H, W, 3] rounded to 8 bits."""
-    return np.asarray(cv2.convertScaleAbs(np.maximum(colours, 0)), np.uint8)
+    """Return colours [H, W, C] rounded to 8 bits, in three channels."""
+    rounded = cv2.addWeighted(colours, 1, colours, 0, 0, dtype=cv2.CV_8U)
+    if colours.shape[-1] == 1:
+        rounded = cv2.cvtColor(rounded, cv2.COLOR_GRAY2RGB)
+    return np.asarray(rounded, np.uint8)
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:
