@@ -113,7 +113,7 @@ class Observer:
             full = _windowed_view(full, full_window)
             if future_full is not None:
                 future_full = _windowed_view(future_full, full_window)
-            full_observations = self._full_observations(
+            full_observations = self.full_observations(
                 full, camera, full_usable
             )
             reduced = replace(
@@ -123,69 +123,6 @@ class Observer:
                 full_observations=full_observations,
             )
         return Observed(reduced, mask, full_mask, context)
-
-    def stream(self, context: Context, frames: Stream) -> Observations:
-        """Return the observations of one image stream: those of the context, or computed now.
-
-        Raise Incompatible if the uncropped frames, or depths for them, are missing.
-        """
-        if frames == "crop":
-            if context.observations is not None:
-                return context.observations
-            greys = _greys(context.frames)
-            usable = self.screening.usable(greys)
-            return Observations(
-                context.frames, greys, usable, context.intrinsics
-            )
-        if context.full is None:
-            raise Incompatible(
-                "uncropped frames are asked for, the clip has none: use a data set that gives them"
-            )
-        if context.full_observations is not None:
-            return context.full_observations
-        usable = self.screening.usable(_greys(context.full.frames))
-        return self._full_observations(context.full, context.intrinsics, usable)
-
-    def future_greys(self, context: Context, frames: Stream) -> ByteArray:
-        """Return the grey future images [F, H, W] of one image stream.
-
-        Raise Incompatible if they, or the uncropped frames, are missing.
-        """
-        if frames == "full" and context.future_full is not None:
-            view = context.future_full
-            usable = np.ones(len(view), dtype=bool)
-            return self._full_observations(
-                view, context.intrinsics, usable
-            ).greys
-        if frames == "crop" and context.future_frames is not None:
-            return _greys(context.future_frames)
-        raise Incompatible(
-            f"future images ({frames}) are asked for, the clip has none: use a data set that gives "
-            "them"
-        )
-
-    def recent(
-        self,
-        context: Context,
-        past: Trajectory,
-        frames: Stream,
-        num_frames: int,
-    ) -> tuple[Context, Trajectory]:
-        """Return the last usable frames of one stream as a context, and their poses."""
-        stream = self.stream(context, frames)
-        if frames == "full" and context.past_depths is not None:
-            raise Incompatible(
-                "recorded depth covers the crop only: estimate depth for uncropped frames"
-            )
-        steps = np.arange(context.num_past) >= context.num_past - num_frames
-        steps &= stream.is_usable
-        recent = replace(
-            context,
-            frames=stream.frames,
-            intrinsics=stream.intrinsics,
-            observations=stream,
-        )
-        return recent.observed(steps), past[steps]
 
     def scene(
         self,
@@ -211,7 +148,7 @@ class Observer:
             )
         return rows, columns
 
-    def _full_observations(
+    def full_observations(
         self, full: ExtraView, crop: Intrinsics, is_usable: BoolArray
     ) -> Observations:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
@@ -234,25 +171,72 @@ class Observer:
 
 
 def stream(context: Context, frames: Stream) -> Observations:
-    """Return the observations of one image stream of a context; see `Observer.stream`."""
-    return Observer().stream(context, frames)
+    """Return the observations of one image stream: those of the context, or computed now.
+
+    Raise Incompatible if the uncropped frames, or depths for them, are missing.
+    """
+    observer = Observer()
+    if frames == "crop":
+        if context.observations is not None:
+            return context.observations
+        greys = _greys(context.frames)
+        usable = observer.screening.usable(greys)
+        return Observations(context.frames, greys, usable, context.intrinsics)
+    if context.full is None:
+        raise Incompatible(
+            "uncropped frames are asked for, the clip has none: use a data set that gives them"
+        )
+    if context.full_observations is not None:
+        return context.full_observations
+    usable = observer.screening.usable(_greys(context.full.frames))
+    return observer.full_observations(context.full, context.intrinsics, usable)
 
 
 def future_greys(context: Context, frames: Stream) -> ByteArray:
-    """Return the future images of one stream in grey; see `Observer.future_greys`."""
-    return Observer().future_greys(context, frames)
+    """Return the grey future images [F, H, W] of one image stream.
+
+    Raise Incompatible if they, or the uncropped frames, are missing.
+    """
+    if frames == "full" and context.future_full is not None:
+        view = context.future_full
+        usable = np.ones(len(view), dtype=bool)
+        return (
+            Observer().full_observations(view, context.intrinsics, usable).greys
+        )
+    if frames == "crop" and context.future_frames is not None:
+        return _greys(context.future_frames)
+    raise Incompatible(
+        f"future images ({frames}) are asked for, the clip has none: use a data set that gives "
+        "them"
+    )
+
+
+def recent(
+    context: Context,
+    past: Trajectory,
+    frames: Stream,
+    num_frames: int,
+) -> tuple[Context, Trajectory]:
+    """Return the last usable frames of one stream as a context, and their poses."""
+    observations = stream(context, frames)
+    if frames == "full" and context.past_depths is not None:
+        raise Incompatible(
+            "recorded depth covers the crop only: estimate depth for uncropped frames"
+        )
+    steps = np.arange(context.num_past) >= context.num_past - num_frames
+    steps &= observations.is_usable
+    recent = replace(
+        context,
+        frames=observations.frames,
+        intrinsics=observations.intrinsics,
+        observations=observations,
+    )
+    return recent.observed(steps), past[steps]
 
 
 def scene_window_of(greys: ByteArray) -> Window:
     """Return the rows and columns of grey images [P, H, W] that show the scene."""
     return scene_window(Observer().scene(greys)[0])
-
-
-def recent(
-    context: Context, past: Trajectory, frames: Stream, num_frames: int
-) -> tuple[Context, Trajectory]:
-    """Return the last usable frames of one stream and their poses; see `Observer.recent`."""
-    return Observer().recent(context, past, frames, num_frames)
 
 
 def _greys(frames: ByteArray) -> ByteArray:

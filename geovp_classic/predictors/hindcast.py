@@ -76,20 +76,20 @@ class Hindcast:
             camera.resized(width_px, height_px),
         )
         last_frame = pinhole.resize(context.frames[-1], (width_px, height_px))
-        scene_errors = []
-        copy_errors = []
+        errors = []  # of the scene and of copies
         for number, step in enumerate(steps):
             covered = views.covered[number]
             if covered.any():
                 frame = context.frames[step]
                 frame = pinhole.resize(frame, (width_px, height_px))
                 predicted = views.frames[number]
-                scene_errors.append(_error(predicted, frame, covered))
+                scene_error = _error(predicted, frame, covered)
                 copy_error = _error(last_frame, frame, covered)
-                copy_errors.append(max(copy_error, self.min_change))
-        if not scene_errors:
+                errors.append((scene_error, max(copy_error, self.min_change)))
+        if not errors:
             return np.inf, self.min_change
-        return float(np.mean(scene_errors)), float(np.mean(copy_errors))
+        scene_error, copy_error = np.mean(errors, axis=0).tolist()
+        return scene_error, copy_error
 
 
 @dataclass(frozen=True)

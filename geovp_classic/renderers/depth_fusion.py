@@ -14,13 +14,12 @@ from geovp_classic.rendering import fusion
 from geovp_classic.rendering.detail_transfer import MagnifiedDetail
 from geovp_classic.rendering.exposure import (
     ExposedScene,
-    Exposure,
     ExposureControl,
     ExposureEstimator,
 )
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.rendering.source import Source
-from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
+from geovp_classic.types import Context, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -79,11 +78,18 @@ class DepthFusion:
         last_s = float(past.times_s[-1])
 
         depths, confidence = self.depth.inverse_depths(recent, past)
-        exposure = self._exposure(recent, past, depths[-1])
+        exposure = self.exposure_estimator.estimate(
+            stream(recent, "crop").greys, recent.intrinsics, past, depths[-1]
+        )
 
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
-        sources = self._sources(recent, past)
+        # Uncropped frames are rendered at their own resolution.
+        frames = recent.frames if recent.full is None else recent.full.frames
+        sources = [
+            Source(frame, recent.intrinsics, pose)
+            for frame, pose in zip(frames, past.world_from_cam, strict=True)
+        ]
         cloud, used = fusion.fuse(
             sources,
             depths,
@@ -107,20 +113,3 @@ class DepthFusion:
                 scene, sources[-1], exposure, self.exposure, last_s, is_whole
             )
         return scene
-
-    def _exposure(
-        self, recent: Context, past: Trajectory, inverse_depth: FloatArray
-    ) -> Exposure:
-        """Return the exposure of the frames relative to the last one."""
-        greys = stream(recent, "crop").greys
-        return self.exposure_estimator.estimate(
-            greys, recent.intrinsics, past, inverse_depth
-        )
-
-    def _sources(self, recent: Context, past: Trajectory) -> list[Source]:
-        """Return the posed frames, uncropped ones at their own resolution."""
-        frames = recent.frames if recent.full is None else recent.full.frames
-        return [
-            Source(frame, recent.intrinsics, pose)
-            for frame, pose in zip(frames, past.world_from_cam, strict=True)
-        ]

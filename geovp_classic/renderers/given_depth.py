@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
@@ -42,25 +42,13 @@ class GivenDepth:
 
         Raise Incompatible when the clip has no depth or the poses are not metric.
         """
-        if context.past_depths is None:
-            raise Incompatible(
-                "given-depth needs recorded depth, the clip has none: choose a renderer without it"
-            )
-        if not past.is_metric:
-            raise Incompatible(
-                "recorded depth is in metres, the poses are not: give the odometry a scale"
-            )
-        depth = context.past_depths[-1].astype(np.float64)
-        if not (depth >= 0).all():
-            raise BadData(
-                "recorded depth has negative numbers or NaN: write 0 where it is unknown, inf "
-                "for the sky"
-            )
-        inverse_depth = 1 / np.where(depth > 0, depth, np.nan)
+        inverse_depths, confidence = Given().inverse_depths(context, past)
+        is_known = confidence[-1] > 0
+        inverse_depth = np.where(is_known, inverse_depths[-1], np.nan)
         last = Source(
             context.frames[-1], context.intrinsics, past.world_from_cam[-1]
         )
-        cloud = self.patch_model.from_depth_map(inverse_depth, depth > 0, 0)
+        cloud = self.patch_model.from_depth_map(inverse_depth, is_known, 0)
         return SurfaceScene(self, last, inverse_depth, cloud)
 
 
