@@ -37,7 +37,7 @@ def write_all(
         for metric in options.choice.columns(metrics, ()) or metrics
     ]
     is_plain, stems = not (options.by or options.against), set()
-    for number, (name, _) in enumerate(results.clips() if is_plain else [], 1):
+    for number, name in enumerate(material.clips if is_plain else [], 1):
         tasks.append(partial(clips.clip_pages, material, number, name, options))
     for draw in tracked(tasks, len(tasks), progress):
         for page in draw():

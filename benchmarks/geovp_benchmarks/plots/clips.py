@@ -64,7 +64,7 @@ def draw_strip(
     num_steps = min(len(ahead_s), 6, int(width_in / 0.75))
     steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int).tolist()
     height_in = len(rows) * (width_in / num_steps * height_px / width_px + 0.17) + 0.3
-    gap_px = max(1, width_px // 40)
+    gap_px = 1 + width_px // 40
     all_axes = page.add_axes(width_in, height_in, options, len(rows))
     for axes, (label, frames) in zip(all_axes, rows.items(), strict=True):
         shown = [frames[k - 1] if k <= len(frames) else blank for k in steps]

@@ -44,14 +44,14 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     width_in = options.width_in or 4.8
     (axes,) = page.add_axes(width_in, 0.65 * width_in, options)
     num_steps = curves[0].values.shape[1]
-    spacing = max(1, num_steps // 4)
+    spacing = 1 + num_steps // 4
     lines = {}
     for number, curve in enumerate(curves):
         # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
         marks = number % spacing, spacing
         num_equal = sum(curve.equals(other) for other in curves[number:])
         look = {**curve.look, "linewidth": 1.3 * num_equal, "markevery": marks}
-        (lines[curve.label],) = axes.plot(np.arange(1, num_steps + 1), curve.mean, **look)
+        (lines[curve.label],) = axes.plot(1 + np.arange(num_steps), curve.mean, **look)
         aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:

@@ -66,10 +66,15 @@ class Material:
         shown = list(names)[:max_methods]
         return [method for method in self.methods if method.name in shown]
 
+    @property
+    def clips(self) -> list[str]:
+        """Return the kept clips of the protocol."""
+        return [name for name, _ in self.results.clips() if name in self.protocol["clips"]]
+
     @cached_property
     def step_s(self) -> float | None:
         """Return the seconds between two frames, known from the first kept clip."""
-        for name, _ in self.results.clips():
+        for name in self.clips:
             return float(np.diff(self.results.clip(name).times_s).mean())
         return None
 

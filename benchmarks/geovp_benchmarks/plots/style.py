@@ -45,7 +45,7 @@ class Page:
     @property
     def stem(self) -> str:
         """Return the name of the file without its ending."""
-        return re.sub("[^a-z0-9]+", "-", self.name.lower()).strip("-")
+        return re.sub("[^a-z0-9]+", "-", self.name.lower())
 
     def add_axes(
         self, width_in: float, height_in: float, options: Options, num_rows: int = 1
@@ -89,6 +89,11 @@ def line_styles(keys: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     for first, second in keys:
         colour = firsts.index(first)
         form = seconds.index(second) + (colour if len(seconds) == 1 else colour // 9)
-        dash, marker = dashes[form % 4], "os^DvPX"[form % 7]
-        styles.append({"color": f"C{colour}", "linestyle": dash, "marker": marker})
+        styles.append(
+            {
+                "color": f"C{colour}",
+                "linestyle": dashes[form % 4],
+                "marker": "os^DvPX"[form % 7],
+            }
+        )
     return styles

@@ -48,8 +48,13 @@ def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
     from PIL import Image
 
     first, *rest = map(Image.fromarray, frames)
-    step_ms = max(20, round(1000 / rate_hz))  # the shortest that viewers show
-    first.save(path, save_all=True, append_images=rest, duration=step_ms, loop=0)
+    first.save(
+        path,
+        save_all=True,
+        append_images=rest,
+        duration=max(20, round(1000 / rate_hz)),  # ms; viewers show no shorter steps
+        loop=0,
+    )
 
 
 def _labelled(frame: ByteArray, label: str) -> ByteArray:

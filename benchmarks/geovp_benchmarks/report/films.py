@@ -38,7 +38,7 @@ class ShownClip:
 def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip]:
     """Return the kept clips that have predictions, those with the worst score first."""
     shown = []
-    for name, _ in material.results.clips():
+    for name in material.clips:
         films = _films(material, name)
         if len(films) > 1:
             shown.append(ShownClip(name, headline.score(name) if headline else np.nan, films))
