@@ -56,6 +56,12 @@ def sequence_of(clip: str) -> str:
 
 def sequences_of(clips: Iterable[str]) -> IntArray:
     """Return the number [N] of the sequence of each clip."""
+    return _sequences_of(tuple(clips))
+
+
+@functools.lru_cache(maxsize=4)
+def _sequences_of(clips: tuple[str, ...]) -> IntArray:
+    """Return the numbers, which all scores of a table share."""
     names = [sequence_of(clip) for clip in clips]
     numbers = {name: number for number, name in enumerate(sorted(set(names)))}
     return np.array([numbers[name] for name in names], np.int64)

@@ -197,16 +197,15 @@ class ScoreFiles:
     def _wanted(self, stored: Stored, clips: Sequence[str]) -> str:
         """Return the relation of the rows of some clips with the `number` of each clip."""
         numbers = {clip: number for number, clip in enumerate(clips)}
-        entries = [
-            (str(path), part.method, clip, numbers[clip])
-            for path, parts in stored.items()
-            for part in parts
-            for clip in part.clips
-            if clip in numbers
-        ]
-        columns = [np.array(column, object) for column in zip(*entries, strict=True)]
-        names = ("filename", "method", "clip", "number")
-        self._database.register("entries", dict(zip(names, columns, strict=True)))
+        columns: dict[str, list[Any]] = {"filename": [], "method": [], "clip": [], "number": []}
+        for path, parts in stored.items():
+            for part in parts:
+                columns["filename"] += [str(path)] * len(part.clips)
+                columns["method"] += [part.method] * len(part.clips)
+                columns["clip"] += part.clips
+                columns["number"] += [numbers[clip] for clip in part.clips]
+        arrays = {name: np.array(column, object) for name, column in columns.items()}
+        self._database.register("entries", arrays)
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
             "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
@@ -245,14 +244,15 @@ def newest(stored: Stored, clips: Sequence[str] | None) -> dict[Path, list[Part]
     latest: dict[str, Part] = {}
     for part in sorted(itertools.chain(*stored.values()), key=lambda part: part.written_ns):
         latest |= dict.fromkeys(part.clips, part)
-    by_part: dict[int, list[str]] = {}
-    for clip in latest if clips is None else [clip for clip in clips if clip in latest]:
-        by_part.setdefault(id(latest[clip]), []).append(clip)
-    selected = {
-        path: [part.only(by_part[id(part)]) for part in parts if id(part) in by_part]
-        for path, parts in stored.items()
-    }
-    return {path: parts for path, parts in selected.items() if parts}
+    wanted = latest.keys() if clips is None else set(clips)
+    selected: dict[Path, list[Part]] = {}
+    for path, parts in stored.items():
+        for part in parts:
+            names = [clip for clip in part.clips if latest[clip] is part and clip in wanted]
+            if names:
+                whole = len(names) == len(part.clips)
+                selected.setdefault(path, []).append(part if whole else part.only(names))
+    return selected
 
 
 def joined(parts: Sequence[Part]) -> Part:
@@ -262,7 +262,7 @@ def joined(parts: Sequence[Part]) -> Part:
         seconds.update(part.seconds)
     return dataclasses.replace(
         parts[0],
-        clips=[clip for part in parts for clip in part.clips],
+        clips=sorted(clip for part in parts for clip in part.clips),
         seconds=dict(seconds),
         peak_memory_mb=max(part.peak_memory_mb for part in parts),
         peak_is_own=all(part.peak_is_own for part in parts),
