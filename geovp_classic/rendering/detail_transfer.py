@@ -87,7 +87,7 @@ def wide_blur(
     sigma_px: float,
 ) -> FloatArray:
     """Blur with a Gaussian that is wide compared to a pixel, on a smaller image for speed."""
-    shrink = int((sigma_px + 6) / 5)  # at least 2 px remain
+    shrink = max(1, int(sigma_px / 3))
     height, width = image.shape[:2]
     small_width = max(1, width // shrink)
     small_height = max(1, height // shrink)
