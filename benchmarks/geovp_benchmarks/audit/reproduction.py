@@ -11,7 +11,7 @@ from geovp_classic.errors import BadData
 
 
 def read_matrix(name: str) -> Matrix:
-    """The committed matrix of a protocol; BadData names those that have one."""
+    """Return the committed matrix of a protocol; raise BadData if it has none."""
     published.load(name)
     return matrices.read(CONFIGS / f"{name}.toml")
 
@@ -19,8 +19,9 @@ def read_matrix(name: str) -> Matrix:
 def chosen_rows(
     matrix: Matrix, split: str | None, samples: int | None, rows: Sequence[str] | None
 ) -> Matrix:
-    """The matrix on another split, with at most so many samples, and with some of its whole
-    predictors alone.
+    """Return the matrix on another split, with fewer samples, or with some whole predictors alone.
+
+    `samples` is the largest number of samples, `rows` names the predictors.
     """
     if samples is not None and samples < 2:
         raise BadData(f"--samples {samples}: one sample is there already, give 2 or more")

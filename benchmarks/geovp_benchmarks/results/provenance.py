@@ -22,13 +22,14 @@ OF_A_METRIC = ("asked", "unit", "definition")
 
 
 def content_hash(value: Any) -> str:
-    """SHA-256 of a JSON value, independent of the order of keys."""
+    """Return the SHA-256 of a JSON value, independent of the order of keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def protocol_id(protocol: Mapping[str, Any]) -> str:
-    """A short id of a protocol.json: another one when data set, clips, frames, sizes or metric
-    definitions differ.
+    """Return a short id of a protocol.json.
+
+    It differs if the data set, clips, frames, sizes or definitions of metrics do.
     """
     dataset = {key: value for key, value in protocol["dataset"].items() if key not in NOT_COUNTED}
     metrics = {
@@ -57,7 +58,7 @@ def id_notes(methods: Iterable[Method], protocol: Mapping[str, Any]) -> list[str
 
 
 def weights_notes(methods: Iterable[Method]) -> list[str]:
-    """A note for all weights that rows with results use, with the rows."""
+    """Return a note for all weights that methods with scores use, with these methods."""
     users: dict[str, list[str]] = {}
     for method in methods:
         for note in method.about if method.num_clips else ():

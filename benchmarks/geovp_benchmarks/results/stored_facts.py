@@ -21,9 +21,7 @@ MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
 
 
 def title(metric: str) -> str:
-    """A metric's name for people: "PSNR", "PSNR, stabilised", or "PSNR, covered pixels" for
-    "psnr@covered".
-    """
+    """Return the name of a metric for people, such as "PSNR, covered pixels" for "psnr@covered"."""
     name, _, pixels = metric.partition("@")
     stem = name.removesuffix("-stabilised")
     words = (
@@ -50,20 +48,20 @@ def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:
 
 
 def stored_bounds(metric: Any) -> list[float | None]:
-    """The bounds that a metric declares, as JSON has them: null where there is none."""
+    """Return the bounds that a metric declares; None where there is none, as in JSON."""
     return [
         float(end) if math.isfinite(end) else None for end in getattr(metric, "bounds", UNBOUNDED)
     ]
 
 
 def data_name(protocol: Mapping[str, Any]) -> str:
-    """The data set and its split, for people."""
+    """Return the data set and its split, for people."""
     split = protocol["dataset"].get("split")
     return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
 
 
 def summary(protocol: Mapping[str, Any]) -> str:
-    """Which clips, and how many frames of which size are seen and predicted."""
+    """Return the number of clips, and of frames that are observed and predicted, and their size."""
     frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
     width_px, height_px = protocol["size_px"]
     count = len(protocol["clips"])
@@ -74,12 +72,12 @@ def summary(protocol: Mapping[str, Any]) -> str:
 
 
 def marks(method: Method) -> str:
-    """The letters beside a row's name."""
+    """Return the letters beside the name of a method."""
     return "".join(MARKS[name][0] for name in method.privileged_inputs)
 
 
 def legend(methods: Iterable[Method], but: str = "") -> list[str]:
-    """What the marks beside rows mean."""
+    """Return what the letters beside methods mean."""
     used = {name for method in methods for name in method.privileged_inputs}
     words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
     return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []
