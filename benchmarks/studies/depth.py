@@ -34,12 +34,13 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         "without ground": {"name": "multiview", "ground": "none"},
         "given": {"name": "given"},
     }
-    tasks = [(name, number) for name in sources for number in range(len(dataset))]
     measured: dict[tuple[str, str], list[FloatArray]] = {}
-    for name, number in tracked(tasks, len(tasks), progress):
-        source = registry.build("depth_sources", sources[name])
-        for pixels, measures in DepthErrors().evaluate(source, dataset[number]).items():
-            measured.setdefault((name, pixels), []).append(measures)
+    for number in tracked(range(len(dataset)), len(dataset), progress):
+        clip = dataset[number]
+        for name, settings in sources.items():
+            source = registry.build("depth_sources", settings)
+            for pixels, measures in DepthErrors().evaluate(source, clip).items():
+                measured.setdefault((name, pixels), []).append(measures)
     lines = [["source", "pixels", "clips", "abs rel", "< 1.25", "confidence"]]
     for (name, pixels), each in measured.items():
         error, fraction, confidence = np.median(each, axis=0)
