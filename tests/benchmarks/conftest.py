@@ -1,5 +1,6 @@
 """The toy components, registered for the time of a test, and a street in KITTI's layout."""
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,3 +126,10 @@ def write_kitti(root: Path, sequence: str, clip: Clip) -> None:
     (root / "poses").mkdir(exist_ok=True)
     assert clip.trajectory is not None
     pose_files.write_kitti(root / "poses" / f"{sequence}.txt", clip.trajectory)
+
+
+@pytest.fixture
+def lpips_weights() -> None:
+    """Skip the test without the weights of LPIPS, which may not be downloadable."""
+    if "GEOVP_LPIPS_WEIGHTS" not in os.environ:
+        pytest.skip("GEOVP_LPIPS_WEIGHTS is not set: needs the weights of LPIPS")

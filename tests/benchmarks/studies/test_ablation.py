@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from geovp_classic import registry
 from studies.ablation import variants
 from tests.benchmarks.conftest import Says, write_kitti
@@ -14,6 +16,7 @@ def test_all_variants_differ_from_their_default() -> None:
             assert variant.predictor != available[variant.default].predictor, name
 
 
+@pytest.mark.usefixtures("lpips_weights")
 def test_the_gain_of_a_component_is_printed(tmp_path: Path, printed: Says) -> None:
     spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
     write_kitti(tmp_path, "03", registry.build("datasets", spec)[0])
