@@ -326,6 +326,23 @@ class TestFailures:
         assert method is not None
         assert (method.status, method.num_clips) == ("partial", 4)
 
+    def test_a_method_that_predicted_nothing_leaves_nothing_but_earlier_settings(
+        self, tmp_path: Path
+    ) -> None:
+        log, name = tmp_path / "log", "other"
+        table = {"name": "toy-broken", "brightness": 255, "log": str(log)}
+        go(tmp_path, content(predictors={name: table}), keep="all")
+        before = rows(tmp_path, name)
+        misfit = content(predictors={name: {"name": "toy-misfit", "log": str(log)}})
+        for _ in range(2):
+            assert go(tmp_path, misfit, keep="all")[name].status == "skipped"
+            results = Results(tmp_path)
+            assert (results.parts(name), results.predictions(name)) == ([], [])
+        tried = len(log.read_text().split())
+        assert go(tmp_path, content(predictors={name: table}), keep="all")[name].status == "done"
+        assert rows(tmp_path, name) == before != []
+        assert len(log.read_text().split()) == tried
+
     def test_rows_of_another_machine_stay_when_their_method_cannot_be_built_here(
         self, tmp_path: Path
     ) -> None:

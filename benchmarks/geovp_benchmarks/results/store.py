@@ -267,6 +267,18 @@ class Results:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
 
+    def discard(self, method: str) -> None:
+        """Remove scores and predictions of a method as it is now; those of other settings stay."""
+        fingerprint = self._fingerprint(method)
+        folder = self.root / method / "scores"
+        paths = [path for _, path in self.predictions(method)]
+        for path, parts in self.score_files.parts(method).items():
+            fingerprints = {part.fingerprint for part in parts or ()}
+            if path.parent == folder and fingerprints == {fingerprint}:
+                paths.append(path)
+        for path in paths:
+            path.unlink(missing_ok=True)
+
     def remove_method(self, method: str) -> None:
         """Remove a method with all its rows and predictions."""
         shutil.rmtree(self.root / method, ignore_errors=True)

@@ -117,6 +117,7 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
             logger.info("%s: %s\n%s", method.label, reason, traceback.rstrip())
             if len(failures) == sum(len(part.clips) for part in parts):  # nothing was predicted
                 outcome |= {"status": status, "reason": reason}
+                results.discard(method.name)  # so that the next run tries again
                 parts = []
         results.write_method(method.name, record | outcome | totals(parts, record["code"]))
 
