@@ -135,15 +135,11 @@ def _follow(
     their lowest cost.
     """
     height, width, num_planes = costs.shape
-    start = np.zeros(
-        num_planes + 3, np.int16
-    )  # of a path that begins at the image's border
-    along_row = np.full(
-        (2, num_planes + 3), INFINITE
-    )  # to the last pixel and to this one
-    down = np.full(
-        (2, 3, width, num_planes + 3), INFINITE
-    )  # to the last row and to this one
+    length = num_planes + 3
+    start = np.zeros(length, np.int16)  # of a path that begins at the border
+    # Paths to the last pixel and this one, and to the last row and this one.
+    along_row = np.full((2, length), INFINITE)
+    down = np.full((2, 3, width, length), INFINITE)
     for i in range(height):
         last_row = down[(i + 1) % 2]
         this_row = down[i % 2]
