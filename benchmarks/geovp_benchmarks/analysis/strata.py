@@ -73,15 +73,17 @@ def divide(results: Results, by: str) -> list[Results]:
     }
     limits = [bounds[max(rank - 1, 0) : rank + 1] for rank in range(len(bounds) + 1)]
     labels = [
-        words.format(*own) + source for words, own in zip(division.words, limits, strict=True)
+        words.format(*ends) + source for words, ends in zip(division.words, limits, strict=True)
     ]
     labels.append(f"{division.fact} not known")
-    chosen = [
+    subsets = [
         frozenset(c for c in clips if ranks.get(c, len(bounds) + 1) == rank)
         for rank in range(len(labels))
     ]
     return [
-        Results(results.root, own, label) for own, label in zip(chosen, labels, strict=True) if own
+        Results(results.root, subset, label)
+        for subset, label in zip(subsets, labels, strict=True)
+        if subset
     ]
 
 
