@@ -12,7 +12,7 @@ from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import title
-from geovp_benchmarks.tables.formats import columns
+from geovp_benchmarks.tables.formats import grid
 from geovp_classic.errors import BadData
 
 
@@ -28,5 +28,5 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         rankings = confidence.rankings(results, args.metric)
         if not rankings:
             raise BadData(f"{results.root} has no methods with confidences: use other results")
-        yield from columns([confidence.HEAD, *(ranking.texts() for ranking in rankings)])
+        yield from grid([confidence.HEAD, *(ranking.texts() for ranking in rankings)])
         yield confidence.NOTE.format(title(args.metric))

@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.tables.formats import columns
+from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         error, fraction, confidence = np.median(each, axis=0)
         texts = [f"{error:.3f}", f"{fraction:.3f}", f"{confidence:.2f}"]
         lines.append([name, pixels, str(len(each)), *texts])
-    yield from columns(lines)
+    yield from grid(lines)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from geovp_benchmarks.analysis.intervals import interval, sequences_of
 from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.formats import columns
+from geovp_benchmarks.tables.formats import grid
 from geovp_classic.errors import BadData
 
 
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         if metric not in stored:
             raise BadData(f"{results.root} has no metric {metric!r}, only {', '.join(stored)}")
         yield f"{metric} ({stored[metric]['unit']})"
-        yield from columns(table(results, args.reference, metric))
+        yield from grid(table(results, args.reference, metric))
         yield ""
 
 

@@ -102,7 +102,7 @@ class TestDryRun:
         self, tmp_path: Path, printed: Says
     ) -> None:
         text = printed(*run(tmp_path, "--dry-run"))
-        assert re.search(r"^steady [+] slide +5 +0 +\d", text, re.MULTILINE)
+        assert re.search(r"^\| steady [+] slide \| +5 \| +0 \| +\d", text, re.MULTILINE)
         assert "predictions: 10 to do, 0 stored" in text  # 5 clips, 2 methods
         assert "methods timed on one clip just now: 2" in text
         assert not (tmp_path / "out").exists()
@@ -127,7 +127,7 @@ class TestDryRun:
         text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
         assert "methods timed on one clip just now: 1" in text
-        assert re.search(r"^other +5 +0 +skipped: ", text, re.MULTILINE)
+        assert re.search(r"^\| other +\| +5 \| +0 \| +skipped: ", text, re.MULTILINE)
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
 

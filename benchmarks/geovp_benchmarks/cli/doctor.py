@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the findings; return 1 if something is wrong."""
-    from geovp_benchmarks.tables.formats import columns
+    from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data.doctor import Doctor
 
     if any((args.root / name).exists() for name in ("protocol.json", "datasets.json")):
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
             args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
         )
     rows = [list(row.values()) for row in diagnosis.rows]
-    print(*columns([list(diagnosis.rows[0]), *rows]), "", sep="\n")
+    print(*grid([list(diagnosis.rows[0]), *rows]), "", sep="\n")
     for finding in diagnosis.findings:
         print(f"{finding.severity}: {finding}")
     print(f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}")

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
-    from geovp_benchmarks.tables.formats import columns
+    from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data import layouts
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
@@ -48,11 +48,11 @@ def run(args: argparse.Namespace) -> int:
             for name, paths in clips:
                 is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
                 print(f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked")
-                print(*(f"  {line}" for line in columns(error_table(paths))), sep="\n")
+                print(*(f"  {line}" for line in grid(error_table(paths))), sep="\n")
             return 0
         for frames, path in track_sequences(data, args.frames, args.odometry, progress):
             print(f"{frames}: {path.tracked.mean():.1%} of frames tracked")
             stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
             files = path.write(args.out, stem)
-            print(*(f"  {line}" for line in [*columns(error_table([path])), *files]), sep="\n")
+            print(*(f"  {line}" for line in [*grid(error_table([path])), *files]), sep="\n")
     return 0

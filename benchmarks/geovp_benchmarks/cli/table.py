@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
@@ -48,20 +47,24 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running import multiple_datasets
     from geovp_benchmarks.tables import formats
+    from geovp_benchmarks.tables.latex import latex
 
     results = Results(args.folder)
     datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
-    tables[0] = replace(tables[0], label=args.label, caption=args.caption)
     if len(datasets) > 1:
         tables.append(multiple_datasets.side_by_side(results))
-    if args.format == "json":
-        text = formats.as_json(tables)
-    elif args.format == "md":
-        width = None if args.page else terminal_width()
-        text = "\n".join(formats.markdown(table, width) for table in tables)
-    else:
-        text = "\n".join(map(formats.FORMATS[args.format], tables))
+    match args.format:
+        case "json":
+            text = formats.as_json(tables)
+        case "csv":
+            text = "\n".join(map(formats.comma_separated, tables))
+        case "tex":
+            first = latex(tables[0], args.caption, args.label)
+            text = "\n".join([first, *map(latex, tables[1:])])
+        case "md":
+            width = None if args.page else terminal_width()
+            text = "\n".join(formats.markdown(table, width) for table in tables)
     print(text)
     if args.page is not None:
         if args.format != "md":
@@ -83,7 +86,7 @@ def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
     if args.paper is not None:
         return published.build(results, args.paper)
     choice = Choice(args.methods, args.metrics)
-    groups = [results] if args.by is None else strata.divide(results, args.by)
+    groups = strata.divide(results, args.by) if args.by else [results]
     if args.against is not None:
         return [
             tables.against(group, args.against, strict=args.strict, choice=choice)

@@ -9,7 +9,7 @@ from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.executors import Serial
 from geovp_benchmarks.running.plan import Options, make_plan
 from geovp_benchmarks.running.run import run
-from geovp_benchmarks.tables.formats import columns
+from geovp_benchmarks.tables.formats import grid
 
 
 def dry_run(
@@ -57,7 +57,7 @@ def dry_run(
     num_missing = sum(len(clips) for clips in missing.values())
     minutes, rest_s = divmod(round(total_s / workers), 60)
     return [
-        *columns(lines),
+        *grid(lines),
         f"predictions: {num_missing} to do, {len(missing) * len(plan.clips) - num_missing} stored",
         f"time: up to {minutes} min {rest_s} s with {workers} process{'es' * (workers > 1)}; "
         f"methods timed on one clip just now: {len(untimed)}",

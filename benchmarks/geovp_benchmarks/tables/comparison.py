@@ -4,8 +4,6 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import title
@@ -79,11 +77,10 @@ def _paired_differences(a: Results, b: Results, method: Method, other: Method) -
     clips, clips_b = a.protocol()["clips"], b.protocol()["clips"]
     common = [clip for clip in clips if clip in clips_b]
     scores, scores_b = method_scores(a, method)[0].scores, method_scores(b, other)[0].scores
+    rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
     for key in (key for key in scores if key in scores_b and "@" not in key):
-        values = dict(zip(clips, scores[key].values, strict=True))
-        values_b = dict(zip(clips_b, scores_b[key].values, strict=True))
-        gaps = [values[clip] - values_b[clip] for clip in common]
-        gap = Score.of(np.array(gaps), common, UNBOUNDED)
+        gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
+        gap = Score.of(gaps, common, UNBOUNDED)
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "

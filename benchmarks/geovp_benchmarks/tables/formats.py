@@ -58,23 +58,16 @@ def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 
     return text
 
 
-def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
-    """Return a Markdown table; with `numbers`, all columns but the first are right-aligned."""
+def grid(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Return a Markdown table; all columns but the first are right-aligned."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     dashes = ["-" * width for width in widths]
-    rule = [dashes[0], *(dash[1:] + ":" if numbers else dash for dash in dashes[1:])]
-    align = str.rjust if numbers else str.ljust
+    rule = [dashes[0], *(dash[1:] + ":" for dash in dashes[1:])]
     rows = (
-        [line[0].ljust(widths[0]), *map(align, line[1:], widths[1:])]
-        for line in (lines[0], rule, *lines[1:])
+        [first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])]
+        for first, *rest in (lines[0], rule, *lines[1:])
     )
     return [f"| {' | '.join(row)} |" for row in rows]
-
-
-def columns(lines: Sequence[Sequence[str]]) -> list[str]:
-    """Return lines of texts whose columns are aligned on the left."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
 
 
 def comma_separated(table: Table) -> str:
@@ -110,19 +103,18 @@ def as_json(tables: Sequence[Table]) -> str:
 
 def _record(table: Table, method: MethodScores) -> dict[str, Any]:
     """Return the numbers of a method."""
-    record: dict[str, Any] = {
+    values = {}
+    for column in table.columns:
+        numbers = dict(vars(method.scores.get(column.key) or Score(math.nan)))
+        del numbers["values"]
+        values[column.key] = {k: None if math.isnan(x) else x for k, x in numbers.items()}
+    return {
         "method": method.label,
         "privileged_inputs": method.marks,
         "clips": method.num_clips,
         "protocol": method.protocol,
-        "values": {},
+        "values": values,
     }
-    for column in table.columns:
-        numbers = dict(vars(method.scores.get(column.key) or Score(math.nan)))
-        del numbers["values"]
-        known = {name: None if math.isnan(x) else x for name, x in numbers.items()}
-        record["values"][column.key] = known
-    return record
 
 
 def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:

@@ -1,64 +1,64 @@
-"""Tables as LaTeX, for the packages booktabs and graphicx, never wider than the text."""
+"""Tables as LaTeX, for the packages booktabs and graphicx, never wider than a column."""
 
 import textwrap
-from collections.abc import Sequence
+from pathlib import Path
 
+import jinja2
 import numpy as np
 
-from geovp_benchmarks.tables.table_model import Column, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
+
+ESCAPED = str.maketrans(
+    {
+        **{sign: rf"\{sign}" for sign in "&%_#${}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        "±": r"$\pm$",
+        "↑": r"$\uparrow$",
+        "↓": r"$\downarrow$",
+    }
+)
 
 
-def latex(table: Table, max_columns: int = 5) -> str:
+def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5) -> str:
     """Return a `table` with caption and label; more columns continue in further ones.
 
-    An interval stands below its mean. LaTeX shrinks whatever is wider than the text.
+    By default the caption is the table's title, and the label follows from its name. An interval
+    stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    caption = table.caption or escape(f"{table.title}.")
-    head = rf"\caption{{{caption}}}\label{{{table.label or f'tab:{table.name}'}}}"
-    notes = [escape(note) + r"\par" for note in table.notes]
+
+    def cell(method: MethodScores, column: Column) -> str:
+        mean, error = table.texts(method, column, r"\textbf{{{}}}")
+        if "[" not in error:
+            return mean + escape(error)
+        return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{mean}\\\scriptsize{error}\end{{tabular}}"
+
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        block_start_string="<%",
+        block_end_string="%>",
+        variable_start_string="<<",
+        variable_end_string=">>",
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["escape"] = escape
+    templates.filters["lines"] = lambda text: [escape(line) for line in textwrap.wrap(text, 14)]
     num_floats = max(1, -(-len(table.columns) // max_columns))
-    lines = []
-    for places in np.array_split(np.arange(len(table.columns)), num_floats):
-        lines += [r"\begin{table}", r"\centering", head, r"\small\setlength{\tabcolsep}{4pt}"]
-        lines += [r"\sbox0{%", *_tabular(table, [table.columns[place] for place in places]), "}%"]
-        lines += [r"\ifdim\wd0>\textwidth\resizebox{\textwidth}{!}{\usebox0}\else\usebox0\fi"]
-        lines += [r"\end{table}"]
-        head = rf"\addtocounter{{table}}{{-1}}\caption[]{{{caption} (Continued.)}}"
-    lines[-1:] = [
-        r"\par\medskip",
-        r"\begin{minipage}{\textwidth}\scriptsize\raggedright",
-        *notes,
-        r"\end{minipage}",
-        r"\end{table}",
-        "",
-    ]
-    return "\n".join(lines)
+    places = np.array_split(np.arange(len(table.columns)), num_floats)
+    return templates.get_template("table.tex").render(
+        table=table,
+        caption=caption or escape(f"{table.title}."),
+        label=label or f"tab:{table.name}",
+        floats=[[table.columns[place] for place in group] for group in places],
+        cell=cell,
+    )
 
 
 def escape(text: str) -> str:
     """Return text in which LaTeX sees no command."""
-    names = {"\\": "backslash", "~": "asciitilde", "^": "asciicircum", "<": "less", ">": "greater"}
-    signs = {sign: rf"\text{name}{{}}" for sign, name in {**names, "|": "bar"}.items()}
-    signs |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
-    signs |= {sign: f"\\{sign}" for sign in "&%_#${}"}
-    return "".join(signs.get(letter, letter) for letter in text)
-
-
-def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
-    """Return the lines of the environment; long headings have several lines."""
-    headings = ["method", "clips"]
-    for column in columns:
-        words = r"\\".join(escape(line) for line in textwrap.wrap(column.heading, 14))
-        headings.append(rf"\shortstack[r]{{{words}}}")
-    lines = [rf"\begin{{tabular}}{{@{{}}lr{'r' * len(columns)}@{{}}}}", r"\toprule"]
-    lines += [" & ".join(headings) + r" \\", r"\midrule"]
-    for method in table.methods:
-        marks = rf"$^{{\mathrm{{{method.marks}}}}}$" if method.marks else ""
-        guard = "{}" if method.label.startswith(("[", "*")) else ""  # not an argument of \\
-        texts = [guard + escape(method.label) + marks, table.clips(method)]
-        for column in columns:
-            mean, error = table.texts(method, column, r"\textbf{{{}}}")
-            below = rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{mean}\\\scriptsize{error}\end{{tabular}}"
-            texts.append(below if "[" in error else mean + escape(error))
-        lines.append(" & ".join(texts) + r" \\")
-    return [*lines, r"\bottomrule", r"\end{tabular}"]
+    return text.translate(ESCAPED)

@@ -1,7 +1,7 @@
 """The model of a table: methods, columns, and the mean of each method in each column."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, Self, TypeVar
 
 import numpy as np
@@ -86,8 +86,6 @@ class Table:
     best: Collection[tuple[str, str]] = ()  # (method, column) in bold
     spread: Spread = "interval"
     starred: Collection[tuple[str, str]] | None = None  # significant ones of a table of differences
-    caption: str = ""  # in LaTeX; "": the title
-    label: str = ""  # in LaTeX; "": after the name
 
     def clips(self, method: MethodScores) -> str:
         """Return the number of clips, and the effective one in the first column if smaller."""
@@ -143,10 +141,6 @@ class Choice:
             if name not in known:
                 raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
         return list(self.metrics)
-
-    def including(self, method: str) -> Self:
-        """Return the choice with a method that others are compared with."""
-        return replace(self, methods=(method, *self.methods)) if self.methods else self
 
 
 EVERYTHING = Choice()

@@ -51,10 +51,9 @@ def against(
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
     protocol = results.protocol()
-    check_scored(results, (name,))
-    main = _main_table(results, choice.including(name), strict)
-    reference = Choice((name,)).select(main.methods)[0]
-    others = [method for method in main.methods if method is not reference and method.scores]
+    reference = _main_table(results, Choice((name,)), strict).methods[0]
+    main = _main_table(results, choice, strict)
+    others = [m for m in main.methods if m.label != reference.label and m.scores]
     errors = {column.key for column in main.columns if column.higher_is_better is False}
     exact = [key for key in reference.scores if key in errors and reference.scores[key].is_exact]
     methods, starred = [], set()
@@ -80,23 +79,15 @@ def against(
     return explained(table, protocol, notes)
 
 
-def check_scored(results: Results, names: Sequence[str]) -> None:
-    """Raise BadData if a method that is named has no scores."""
-    for method in Choice(names).select(results.methods()) if names else ():
-        if method.status not in ("done", "partial"):
-            raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
-
-
 def _main_table(results: Results, choice: Choice, strict: bool) -> Table:
-    """Return the table of all metrics over whole frames and of poses."""
+    """Return the table of whole frames and poses; BadData for a named method without scores."""
     protocol = results.protocol()
-    check_scored(results, choice.methods)
-    methods = [
-        scores
-        for method in choice.select(results.methods())
-        if method.status in ("done", "partial")
-        for scores in method_scores(results, method, strict=strict)
-    ]
+    methods = []
+    for method in choice.select(results.methods()):
+        if method.status in ("done", "partial"):
+            methods += method_scores(results, method, strict=strict)
+        elif choice.methods:
+            raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = choice.columns(protocol["metrics"], _keys(methods))
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
     headings = {key: title(key) for key in keys}
