@@ -35,60 +35,32 @@ class Verdict:
     """Comparison of stored with recomputed scores."""
 
     pair: Pair
-    problem: str = ""  # the reason why nothing is compared
     # largest difference by metric, in its unit; infinite if a value is missing
     differences: Mapping[str, float] = field(default_factory=dict)
-    missing: Mapping[str, str] = field(default_factory=dict)  # metric -> why it is not compared
-    is_repeatable: bool = True  # two computations here agree
-    code: str = ""  # hash of the sources here
-
-    @property
-    def largest_difference(self) -> float:
-        """Return the largest difference of all metrics."""
-        return max(self.differences.values(), default=0.0)
+    problems: Sequence[str] = ()  # reasons why scores are not compared
+    remarks: Sequence[str] = ()
 
     def reproduces(self, tolerance: float) -> bool:
         """Return whether all metrics were compared and differ by at most a tolerance."""
-        return not self.problem and not self.missing and self.largest_difference <= tolerance
+        return not self.problems and max(self.differences.values(), default=0.0) <= tolerance
 
-    def sentence(self, tolerance: float) -> str:
-        """Return the verdict in words."""
-        words = [self.problem or "identical"]
-        if self.differences:
-            agreement = "within the tolerance"
-            if self.largest_difference > tolerance:
-                agreement = "differs"
-            words = [f"{agreement}: {_listed(self.pair.results, self.differences, limit=3)}"]
-        words += [f"{name} cannot be compared: {reason}" for name, reason in self.missing.items()]
-        if not self.is_repeatable:
-            words.append("not deterministic: two computations here differ as well")
-        code = self.pair.part.code
-        if self.code not in ("", code):
-            words.append(f"stored by code {code}, here it is {self.code}")
+    def sentence(self, tolerance: float, max_metrics: int = 3) -> str:
+        """Return the verdict in words, with the largest differences and their units."""
+        words = [*self.problems, *self.remarks]
+        metrics = self.pair.results.protocol()["metrics"]
+        ordered = sorted(self.differences.items(), key=lambda item: -item[1])
+        listed = []
+        for name, difference in ordered[:max_metrics]:
+            unit = metrics.get(name.partition("@")[0], {}).get("unit", "")
+            listed.append(f"{name} {difference:.3g} {unit}".rstrip())
+        if len(ordered) > max_metrics:
+            listed.append(f"{len(ordered) - max_metrics} more")
+        if listed:
+            agreement = "within the tolerance" if self.reproduces(tolerance) else "differs"
+            words.insert(0, f"{agreement}: {', '.join(listed)}")
+        elif not self.problems:
+            words.insert(0, "identical")
         return f"{self.pair.method.label}, {self.pair.clip}: {'; '.join(words)}"
-
-
-def largest(results: Results, verdicts: Sequence[Verdict]) -> str:
-    """Return the largest difference of each metric over all pixels; "" if all are identical."""
-    differences: dict[str, float] = {}
-    for verdict in verdicts:
-        for name, value in verdict.differences.items():
-            if "@" not in name:
-                differences[name] = max(differences.get(name, 0.0), value)
-    return f"largest differences: {_listed(results, differences)}" if differences else ""
-
-
-def _listed(results: Results, differences: Mapping[str, float], limit: int | None = None) -> str:
-    """Return differences with their units, the largest first, and the number beyond a limit."""
-    metrics = results.protocol()["metrics"]
-    ordered = sorted(differences, key=differences.__getitem__, reverse=True)
-    words = []
-    for name in ordered[:limit]:
-        unit = metrics.get(name.partition("@")[0], {}).get("unit", "")
-        words.append(f"{name} {differences[name]:.3g} {unit}".rstrip())
-    if len(ordered) > len(words):
-        words.append(f"{len(ordered) - len(words)} more")
-    return ", ".join(words)
 
 
 def sample(results: Results, count: int, seed: int) -> list[Pair]:
@@ -132,19 +104,24 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
             if isinstance(component, Failure):
                 raise GeovpError(component.reason)
         recomputed = _recompute(pair, matrix)
-        metrics = built.metrics.about
-        missing = {name: metrics[name]["unavailable"] for name in pair.part.metrics}
-        missing = {name: reason for name, reason in missing.items() if reason}
         stored = _values(pair.results.scores(pair.method.name), pair.clip)
-        differences = {
-            name: difference
-            for name, difference in _differences(stored, recomputed).items()
-            if name.partition("@")[0] not in missing
-        }
-        is_repeatable = not differences or not _differences(recomputed, _recompute(pair, matrix))
+        differences = _differences(stored, recomputed)
+        problems, remarks = [], []
+        for name in pair.part.metrics:
+            if reason := built.metrics.about[name]["unavailable"]:
+                problems.append(f"{name} cannot be compared: {reason}")
+                differences = {
+                    key: value
+                    for key, value in differences.items()
+                    if key.partition("@")[0] != name
+                }
+        if differences and _differences(recomputed, _recompute(pair, matrix)):
+            remarks.append("not deterministic: two computations here differ as well")
+        if (code := built.code(plan)) != pair.part.code:
+            remarks.append(f"stored by code {pair.part.code}, here it is {code}")
     except GeovpError as problem:
-        return Verdict(pair, f"cannot be computed here: {problem}")
-    return Verdict(pair, "", differences, missing, is_repeatable, built.code(plan))
+        return Verdict(pair, problems=[f"cannot be computed here: {problem}"])
+    return Verdict(pair, differences, problems, remarks)
 
 
 def other_versions(results: Results) -> Iterator[str]:

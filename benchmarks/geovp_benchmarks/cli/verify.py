@@ -1,6 +1,6 @@
 """Recompute a sample of stored results.
 
-Print the largest differences; nothing is written.
+Print the largest differences of each pair; nothing is written.
 
 Examples:
   geovp verify results/demo
@@ -41,9 +41,10 @@ def run(args: argparse.Namespace) -> int:
         ]
     for verdict in verdicts:
         print(verdict.sentence(args.tolerance))
-    results = pairs[0].results
-    if differences := verification.largest(results, verdicts):
-        print(differences)
     good = sum(verdict.reproduces(args.tolerance) for verdict in verdicts)
-    print(*verification.other_versions(results), f"{good} of {len(verdicts)} reproduce", sep="\n")
+    print(
+        *verification.other_versions(pairs[0].results),
+        f"{good} of {len(verdicts)} reproduce",
+        sep="\n",
+    )
     return int(good < len(verdicts))

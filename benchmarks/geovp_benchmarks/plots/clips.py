@@ -19,12 +19,12 @@ def clip_pages(material: Material, number: int, name: str, options: Options) -> 
     clip, past = material.results.clip(name), material.protocol["num_past"]
     rows = {"ground truth": clip.frames[past:]}
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
-    for method in material.shown(options.max_methods):
-        if name not in dict(material.results.predictions(method.name)):
-            continue
-        prediction = material.results.prediction(method.name, name)
-        text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
-        rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
+    shown = material.shown(options.max_methods)
+    in_strip = shown if options.choice.methods else material.shown(options.max_strip_methods)
+    for method, prediction in material.predictions(name, shown):
+        if method in in_strip:
+            text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
+            rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
         if prediction.motion:
             motions.setdefault(method.pose_source or method.label, prediction.motion)
     data, pages = stored_facts.data_name(material.protocol), []
@@ -41,10 +41,9 @@ def notes(material: Material, method: Method, clip: str) -> list[str]:
     """Return the scores of the first sample on a clip."""
     notes = [f"sample 1 of {method.num_samples}"] if method.num_samples > 1 else []
     place = material.protocol["clips"].index(clip)
-    for metric, facts in material.protocol["metrics"].items():
+    for metric, facts in material.frame_metrics.items():
         values = material.values(method, metric)[place, 0]
-        is_score = facts["role"] == "frame" and facts.get("higher_is_better") is not None
-        if is_score and np.isfinite(values).any():
+        if np.isfinite(values).any():
             title = stored_facts.title(metric)
             notes.append(f"{title} {np.nanmean(values):#.3g} {facts['unit']}".strip())
     return notes

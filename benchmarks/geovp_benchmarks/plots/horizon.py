@@ -25,11 +25,15 @@ class Curve:
     """Scores of a method, whose mean over clips is drawn."""
 
     label: str
-    mean: FloatArray  # [F]
     values: FloatArray  # [N, F], NaN where there is no value
     clips: Sequence[str]  # [N]
     bounds: Bounds  # of a score
     look: Mapping[str, Any]  # arguments of `Axes.plot`
+
+    @property
+    def mean(self) -> FloatArray:
+        """Return the means over clips [F]."""
+        return statistics.over_clips(self.values).mean
 
     def equals(self, other: "Curve") -> bool:
         """Return whether two lines would hide each other."""
@@ -144,7 +148,6 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
             num_clips = np.isfinite(values).any(axis=1).sum()
             if num_clips < len(values):
                 label += f" (only {num_clips} of {len(values)} clips)"
-            mean, clips = statistics.over_clips(values).mean, material.protocol["clips"]
-            curves.append(Curve(label, mean, values, clips, bounds, look))
+            curves.append(Curve(label, values, material.protocol["clips"], bounds, look))
             look = {**look, "markerfacecolor": "white", "markeredgecolor": look["color"]}
     return curves

@@ -1,6 +1,6 @@
 """The data that all figures of a results folder share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -12,7 +12,7 @@ from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results.store import Method, Results, Scores
 from geovp_benchmarks.results.stored_facts import marks
 from geovp_benchmarks.tables.table_model import Choice
-from geovp_classic.types import FloatArray
+from geovp_classic.types import FloatArray, Prediction
 
 
 @dataclass(frozen=True)
@@ -47,16 +47,12 @@ class Material:
 
         They are ranked by the first metric of frames with a direction.
         """
-        metrics = [
-            (metric, facts["higher_is_better"])
-            for metric, facts in self.protocol["metrics"].items()
-            if facts["role"] == "frame" and facts.get("higher_is_better") is not None
-        ]
 
         def error(method: Method) -> float:
-            for metric, higher in metrics:
-                mean = float(statistics.over_clips(self.values(method, metric).ravel()).mean)
-                return float(np.nan_to_num(-mean if higher else mean, nan=np.inf))
+            for metric, facts in self.frame_metrics.items():
+                mean = statistics.over_clips(self.values(method, metric).ravel()).mean
+                signed = -mean if facts["higher_is_better"] else mean
+                return float(np.nan_to_num(signed, nan=np.inf))
             return 0.0
 
         ranked = sorted(self.methods, key=error)
@@ -65,6 +61,23 @@ class Material:
         names = dict.fromkeys(method.name for method in [*first, *fair[:1], *ranked])
         shown = list(names)[:max_methods]
         return [method for method in self.methods if method.name in shown]
+
+    @property
+    def frame_metrics(self) -> dict[str, Mapping[str, Any]]:
+        """Return the frame metrics that have a direction, with what the protocol says of them."""
+        return {
+            metric: facts
+            for metric, facts in self.protocol["metrics"].items()
+            if facts["role"] == "frame" and facts.get("higher_is_better") is not None
+        }
+
+    def predictions(
+        self, clip: str, methods: Sequence[Method]
+    ) -> Iterator[tuple[Method, Prediction]]:
+        """Yield the kept predictions of a clip with their methods."""
+        for method in methods:
+            if clip in dict(self.results.predictions(method.name)):
+                yield method, self.results.prediction(method.name, clip)
 
     @property
     def clips(self) -> list[str]:

@@ -58,14 +58,9 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
         figures=figures,
         clips=films.shown_clips(material, headline),
         step_s=material.step_s,
-        confidence=confidences(results),
+        confidence={
+            title(metric): confidence.rankings(results, metric)
+            for metric in list(material.frame_metrics)[:1]
+        },
     )
     write_bytes(results.report, html.encode())
-
-
-def confidences(results: Results) -> tuple[str, list[confidence.Ranking]]:
-    """Return the first frame metric and how well each method's confidence ranks its errors."""
-    for name, facts in results.protocol()["metrics"].items():
-        if facts["role"] == "frame" and facts.get("higher_is_better") is not None:
-            return title(name), confidence.rankings(results, name)
-    return "", []

@@ -67,10 +67,7 @@ def _encode(image: ByteArray, kind: str) -> bytes:
 def _films(material: Material, name: str) -> list[Film]:
     clip, last = material.results.clip(name), material.protocol["num_past"] - 1
     films = [_film("ground truth", [], clip.frames[last:])]
-    for method in material.methods:
-        if name not in dict(material.results.predictions(method.name)):
-            continue
-        prediction = material.results.prediction(method.name, name)
+    for method, prediction in material.predictions(name, material.methods):
         frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])
         film = _film(method.label, clips.notes(material, method, name), frames)
         if prediction.covered is not None:

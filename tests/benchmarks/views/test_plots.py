@@ -152,7 +152,7 @@ class TestHorizon:
 
     def test_equal_lines_show_beside_each_other(self) -> None:
         curves = [
-            horizon.Curve(label, np.ones(20), np.ones((4, 20)), ["x"] * 4, (0, 2), {"color": "C0"})
+            horizon.Curve(label, np.ones((4, 20)), ["x"] * 4, (0, 2), {"color": "C0"})
             for label in "ab"
         ]
         page = Page("t")
