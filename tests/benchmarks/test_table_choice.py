@@ -8,7 +8,6 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol
@@ -46,17 +45,15 @@ def results(tmp_path: Path) -> Results:
 
 
 def test_rows_and_columns_stand_in_the_order_asked_for(results: Results) -> None:
-    (table,) = tables.build(results, choice=Choice(("plain", "oracle"), ("coverage", "psnr")))
+    selected = results.select("plain", "oracle")
+    (table,) = tables.build(selected, metrics=("coverage", "psnr"))
     text = formats.markdown(table).splitlines()
     assert row_of(text, "method") == ["method", "clips", "coverage", "PSNR (dB) ↑"]
     assert [row.label for row in table.methods] == ["plain", "oracle"]
 
 
 def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
-    whole = tables.build(results, choice=Choice((ODD,)))[0]
-    one = tables.build(results, choice=Choice((f"{ODD}, best of 2",)))[0]
-    assert len(whole.methods) == 3
-    assert [row.label for row in one.methods] == [f"{ODD}, best of 2"]
+    assert len(tables.build(results.select(ODD))[0].methods) == 3
 
 
 def test_six_clips_are_too_few_for_bold_values(results: Results) -> None:
@@ -66,11 +63,11 @@ def test_six_clips_are_too_few_for_bold_values(results: Results) -> None:
 
 
 def test_differences_of_chosen_rows(results: Results) -> None:
-    table = tables.against(results, "oracle", choice=Choice(("plain",), ("psnr",)))
+    table = tables.against(results.select("plain"), "oracle", metrics=("psnr",))
     assert [row.label for row in table.methods] == ["plain"]
     assert table.methods[0].scores["psnr"].mean == -10.0
     with pytest.raises(BadData, match="no method is called 'orcle'"):
-        tables.against(results, "orcle", choice=Choice(("plain",)))
+        tables.against(results.select("plain"), "orcle")
 
 
 def test_errors_are_not_tested_against_a_method_without_any(results: Results) -> None:

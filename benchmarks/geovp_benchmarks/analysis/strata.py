@@ -7,7 +7,7 @@ on video without exact depth.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,7 +81,7 @@ def divide(results: Results, by: str) -> list[Results]:
         for rank in range(len(labels))
     ]
     return [
-        Results(results.root, subset, label)
+        replace(results, subset=subset, label=label)
         for subset, label in zip(subsets, labels, strict=True)
         if subset
     ]
@@ -98,7 +98,7 @@ def _facts(results: Results, fact: str) -> tuple[Mapping[str, float], str]:
         return facts, ""
     for method in (
         method
-        for method in results.methods()
+        for method in results.select().methods()
         if method.kind == "geometric" and method.status == "done"
     ):
         fractions = statistics.mean_of_samples(results.scores(method.name).values[COVERAGE])

@@ -42,12 +42,10 @@ def run(args: argparse.Namespace) -> int:
     """Write the figures, and print their paths."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables.table_model import Choice
 
-    choice = Choice(args.methods, args.metrics)
     formats = (args.format,) if args.format else ()
-    options = plots.Options(choice, args.by, args.against, formats, args.width)
-    for results in Results(args.folder).by_dataset().values():
+    options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
+    for results in Results(args.folder).select(*args.methods).by_dataset().values():
         with progress_bar("plots", "figures") as progress:
             for _, paths in plots.write_all(results, options, progress):
                 print(*paths, sep="\n")

@@ -22,10 +22,9 @@ def run(args: argparse.Namespace) -> int:
     """Write figures and report, and print the path of the report."""
     from geovp_benchmarks import plots, report
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables.table_model import Choice
 
-    options = plots.Options(Choice(args.methods, args.metrics), args.by, args.against)
-    for results in Results(args.folder).by_dataset().values():
+    options = plots.Options(args.metrics, args.by, args.against)
+    for results in Results(args.folder).select(*args.methods).by_dataset().values():
         with progress_bar("report", "figures") as progress:
             report.write(results, options, progress)
         print(results.report)

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.tables import formats
     from geovp_benchmarks.tables.latex import latex
 
-    results = Results(args.folder)
+    results = Results(args.folder).select(*args.methods)
     datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
     if len(datasets) > 1:
@@ -81,19 +81,18 @@ def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
     """Return the selected tables of a data set; without a selection, write all of them."""
     from geovp_benchmarks.analysis import strata
     from geovp_benchmarks.tables import formats, published, tables
-    from geovp_benchmarks.tables.table_model import Choice
 
     if args.paper is not None:
         return published.build(results, args.paper)
-    choice = Choice(args.methods, args.metrics)
     groups = strata.divide(results, args.by) if args.by else [results]
     if args.against is not None:
         return [
-            tables.against(group, args.against, strict=args.strict, choice=choice)
+            tables.against(group, args.against, strict=args.strict, metrics=args.metrics)
             for group in groups
         ]
     built = [
-        tables.build(group, args.spread, strict=args.strict, choice=choice) for group in groups
+        tables.build(group, args.spread, strict=args.strict, metrics=args.metrics)
+        for group in groups
     ]
     if args.by is not None:
         return [main for main, *_ in built]

@@ -24,6 +24,6 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.plots import recording
     from geovp_benchmarks.results.store import Results
 
-    path = recording.write(Results(args.folder), args.clip, args.methods)
+    path = recording.write(Results(args.folder).select(*args.methods), args.clip)
     print(f"{path}\nshow it with: rerun '{path}'")
     return 0

@@ -1,7 +1,6 @@
 """The figures of a results folder: metrics over the horizon, film strips, paths."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options, Page
 from geovp_benchmarks.progress import Progress, no_progress, tracked
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
+from geovp_benchmarks.tables.table_model import selected_columns
 
 __all__ = ["Options", "Page", "write_all"]
 
@@ -27,14 +26,14 @@ def write_all(
     metrics = horizon.metrics(material)
     groups = {"": material}
     if options.by:
-        choice = Choice([method.label for method in material.shown(options.max_methods)])
+        shown = results.select(*(each.label for each in material.shown(options.max_methods)))
         groups = {
-            subset.label: Material.read(subset, replace(options, choice=choice))
-            for subset in strata.divide(results, options.by)
+            subset.label: Material.read(subset, options)
+            for subset in strata.divide(shown, options.by)
         }
     tasks = [
         partial(horizon.score_pages, groups, metric, options)
-        for metric in options.choice.columns(metrics, ()) or metrics
+        for metric in selected_columns(options.metrics, metrics) or metrics
     ]
     is_plain, stems = not (options.by or options.against), set()
     for number, name in enumerate(material.clips if is_plain else [], 1):
@@ -48,6 +47,7 @@ def write_all(
             for path in paths:
                 page.write(path)
             yield page, paths
-    for path in results.plots.glob("*") if is_plain and options.choice == EVERYTHING else []:
+    is_whole = is_plain and not (options.metrics or results.selected)
+    for path in results.plots.glob("*") if is_whole else []:
         if path.stem not in stems and path.stem.startswith(("horizon-", "strip-", "paths-")):
             path.unlink()

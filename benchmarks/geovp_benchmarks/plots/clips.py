@@ -20,7 +20,7 @@ def clip_pages(material: Material, number: int, name: str, options: Options) -> 
     rows = {"ground truth": clip.frames[past:]}
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
     shown = material.shown(options.max_methods)
-    in_strip = shown if options.choice.methods else material.shown(options.max_strip_methods)
+    in_strip = shown if material.results.selected else material.shown(options.max_strip_methods)
     for method, prediction in material.predictions(name, shown):
         if method in in_strip:
             text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])

@@ -135,7 +135,7 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     for look, ((source, _), method) in zip(looks, methods.items(), strict=True):
         samples, count = material.values(method, metric) - reference, method.num_samples
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
-        if method is material.reference or num_steps < min(2, samples.shape[2]):
+        if method == material.reference or num_steps < min(2, samples.shape[2]):
             continue
         reductions: dict[str, statistics.Reduction] = {
             f", mean of {count}" * (count > 1): statistics.mean_of_samples

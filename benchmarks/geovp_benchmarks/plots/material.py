@@ -11,7 +11,6 @@ from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results.store import Method, Results, Scores
 from geovp_benchmarks.results.stored_facts import marks
-from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.types import FloatArray, Prediction
 
 
@@ -28,12 +27,11 @@ class Material:
     @classmethod
     def read(cls, results: Results, options: Options) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
-        choice, reference = options.choice, None
-        if options.against and choice.methods:
-            choice = Choice([*choice.methods, options.against])
-        methods = [method for method in choice.select(results.methods()) if method.num_clips]
+        methods, reference = [each for each in results.methods() if each.num_clips], None
         if options.against:
-            reference = Choice([options.against]).select(methods)[0]
+            (reference,) = results.select(options.against).methods()
+            if reference not in methods:
+                methods.append(reference)
         scores = {method.name: results.scores(method.name) for method in methods}
         return cls(results, results.protocol(), methods, scores, reference)
 
@@ -56,7 +54,7 @@ class Material:
             return 0.0
 
         ranked = sorted(self.methods, key=error)
-        first = [m for m in ranked if m is self.reference or m.label == "copy-last"]
+        first = [m for m in ranked if m == self.reference or m.label == "copy-last"]
         fair = [m for m in ranked if not uses_ground_truth(marks(m)) and m not in first]
         names = dict.fromkeys(method.name for method in [*first, *fair[:1], *ranked])
         shown = list(names)[:max_methods]

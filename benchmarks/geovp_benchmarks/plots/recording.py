@@ -1,19 +1,17 @@
 """A kept clip as a Rerun recording: observed and predicted images and the paths of cameras."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic import registry
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.errors import MissingExtra
 from geovp_classic.geometry import se3
 
 
-def write(results: Results, name: str, methods: Sequence[str] = ()) -> Path:
+def write(results: Results, name: str) -> Path:
     """Write the recording and return its file; raise BadData for what was not kept."""
     clip, last = results.clip(name), results.protocol()["num_past"] - 1
     images, paths = {"observed": clip.frames}, {}
@@ -21,7 +19,7 @@ def write(results: Results, name: str, methods: Sequence[str] = ()) -> Path:
     if clip.trajectory:
         paths["truth"] = clip.trajectory.world_from_cam[None]
         world_from_last = clip.trajectory.world_from_cam[last]
-    for method in Choice(methods).select(results.methods()):
+    for method in results.methods():
         if name not in dict(results.predictions(method.name)):
             continue
         prediction = results.prediction(method.name, name)

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
-from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 from geovp_classic.data.atomic import atomic_write
 
 SHEET = Path(__file__).with_name("geovp.mplstyle")
@@ -22,7 +21,7 @@ SHEET = Path(__file__).with_name("geovp.mplstyle")
 class Options:
     """Content, format and size of figures; fonts keep their size in points."""
 
-    choice: Choice = EVERYTHING
+    metrics: Sequence[str] = ()  # empty: all
     by: str | None = None  # strata
     against: str | None = None  # method that the others are compared with
     formats: tuple[str, ...] = ()  # empty: the formats of each figure

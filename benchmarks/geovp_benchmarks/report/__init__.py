@@ -23,8 +23,8 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
 
     With `options.against` and `by` there are also tables of differences and of strata.
     """
-    protocol, choice, against = results.protocol(), options.choice, options.against
-    scores = tables.build(results, choice=choice)
+    protocol, metrics, against = results.protocol(), options.metrics, options.against
+    scores = tables.build(results, metrics=metrics)
     headline = findings.Headline.of(scores[0], protocol)
     material = Material.read(results, options)
     groups = strata.divide(results, options.by) if options.by else []
@@ -49,12 +49,12 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     html = templates.get_template("report.html").render(
         protocol=protocol,
         summary=summary(protocol),
-        methods=choice.select(results.methods()),
+        methods=results.methods(),
         findings=headline.sentences(against or "copy-last") if headline else [],
         headline=headline,
         scores=scores,
-        against=tables.against(results, against, choice=choice) if against else None,
-        strata=[tables.build(group, choice=choice)[0] for group in groups],
+        against=tables.against(results, against, metrics=metrics) if against else None,
+        strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
         clips=films.shown_clips(material, headline),
         step_s=material.step_s,

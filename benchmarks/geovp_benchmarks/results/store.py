@@ -19,7 +19,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +34,7 @@ from geovp_benchmarks.results.score_files import Part, ScoreFiles, newest
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, FloatArray, Prediction
 
 __all__ = ["NOT_METHODS", "Method", "Part", "Results", "Scores", "check_clip_name"]
@@ -50,6 +50,7 @@ class Results:
     root: Path
     subset: frozenset[str] | None = None  # of the clips, all that is read of them; None: all
     label: str = ""  # of the subset, for people
+    selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
 
     # Reading
 
@@ -71,7 +72,7 @@ class Results:
         """Return the results of each data set by its label; of a single one by the label ""."""
         path = self.root / "datasets.json"
         labels = records.read_labels(path) if path.exists() else []
-        return {label: Results(self.root / label) for label in labels} or {"": self}
+        return {label: replace(self, root=self.root / label) for label in labels} or {"": self}
 
     @property
     def begun(self) -> bool:
@@ -79,12 +80,17 @@ class Results:
         return (self.root / "protocol.json").exists()
 
     def methods(self) -> list[Method]:
-        """Return all methods that have been begun, in the order of the matrix file."""
-        return [
-            method
-            for name in self.protocol()["methods"]
-            if (method := self.method(name)) is not None
-        ]
+        """Return the selected methods; of all that have been begun, in the matrix file's order."""
+        begun = map(self.method, self.protocol()["methods"])
+        methods = {method.label: method for method in begun if method is not None}
+        for label in self.selected:
+            if label not in methods:
+                raise BadData(f"no method is called {label!r}{nearest(label, methods)}")
+        return [methods[label] for label in self.selected or methods]
+
+    def select(self, *labels: str) -> Results:
+        """Return the results of the methods with these labels; of all methods without labels."""
+        return replace(self, selected=labels)
 
     def method(self, name: str) -> Method | None:
         """Return a method; None if it has not been begun."""

@@ -8,7 +8,7 @@ from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import Choice, Score
+from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.errors import BadData
 
 
@@ -26,8 +26,8 @@ def compare(a: Results, b: Results, name_a: str = "", name_b: str = "") -> Itera
     shared = list(_differences(_protocol(a), _protocol(b)))
     yield from shared
     for name, other_name in names:
-        method = Choice((name,)).select(a.methods())[0]
-        other = Choice((other_name,)).select(b.methods())[0]
+        (method,) = a.select(name).methods()
+        (other,) = b.select(other_name).methods()
         yield f"\n{name}" if name == other_name else f"\n{name} (A), {other_name} (B)"
         lines = list(_differences(_facts(a, method), _facts(b, other)))
         yield from lines if lines or shared else ["Nothing differs that is stored."]

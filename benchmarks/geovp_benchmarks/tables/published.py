@@ -17,7 +17,7 @@ from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import EVERYTHING, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import MethodScores, Score, Table
 from geovp_benchmarks.tables.tables import explained, method_notes, table_of
 from geovp_classic.errors import BadData
 
@@ -38,7 +38,7 @@ def build(results: Results, name: str) -> list[Table]:
     notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(shared["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
-    notes += method_notes(results, EVERYTHING, strict=False)
+    notes += method_notes(results, strict=False)
     return [
         explained(ours, shared, notes),
         Table(

@@ -2,15 +2,13 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Self, TypeVar
+from typing import Literal, Self
 
 import numpy as np
 
 from geovp_benchmarks.analysis import intervals, statistics
 from geovp_benchmarks.results.score_names import Bounds
-from geovp_benchmarks.results.store import Method
-from geovp_classic.errors import BadData
-from geovp_classic.registry import nearest
+from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import FloatArray
 
 Spread = Literal["interval", "standard-error"]
@@ -113,42 +111,13 @@ class Table:
         return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
 
 
-T = TypeVar("T", Method, MethodScores)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The methods and columns asked for, in that order; all of them where none are named."""
-
-    methods: Sequence[str] = ()  # the name of a method stands for all reductions of its samples
-    metrics: Sequence[str] = ()  # columns: "psnr", "psnr@covered", "coverage"
-
-    def select(self, methods: Sequence[T]) -> list[T]:
-        """Return the methods that are named; raise BadData for an unknown name."""
-        selected = {} if self.methods else {method.label: method for method in methods}
-        for name in self.methods:
-            named = {method.label: method for method in methods if _is_same(name, method.label)}
-            if not named:
-                labels = [method.label for method in methods]
-                raise BadData(f"no method is called {name!r}{nearest(name, labels)}")
-            selected |= named
-        return list(selected.values())
-
-    def columns(self, metrics: Iterable[str], keys: Iterable[str]) -> list[str]:
-        """Return the columns that are named; raise BadData for an unknown name."""
-        known = [*metrics, *keys]
-        for name in self.metrics:
-            if name not in known:
-                raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
-        return list(self.metrics)
-
-
-EVERYTHING = Choice()
-
-
-def _is_same(name: str, label: str) -> bool:
-    """Return whether names are equal but for the reduction of samples: "a" and "a, best of 2"."""
-    return f"{name}, ".startswith(f"{label}, ") or f"{label}, ".startswith(f"{name}, ")
+def selected_columns(names: Sequence[str], known: Iterable[str]) -> list[str]:
+    """Return the names of columns; raise BadData for an unknown one."""
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
+    return list(names)
 
 
 def best(

@@ -12,14 +12,13 @@ from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import higher_is_better, legend, summary, title
 from geovp_benchmarks.tables.scores import facts_of, method_scores
 from geovp_benchmarks.tables.table_model import (
-    EVERYTHING,
-    Choice,
     Column,
     MethodScores,
     Score,
     Spread,
     Table,
     best,
+    selected_columns,
 )
 from geovp_classic.errors import BadData
 
@@ -29,30 +28,30 @@ def build(
     spread: Spread = "interval",
     *,
     strict: bool = False,
-    choice: Choice = EVERYTHING,
+    metrics: Sequence[str] = (),
 ) -> list[Table]:
     """Return the main table (whole frames and poses), then those over sets of pixels and samples.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
-    out. With a choice of columns there is only one table. Methods compete among those chosen.
+    out. With named columns there is only one table. Methods compete among those selected.
     """
     protocol = results.protocol()
-    main = _main_table(results, choice, strict)
-    tables = [main] if choice.metrics else [main, *_detail_tables(main, protocol)]
-    notes = method_notes(results, choice, strict)
+    main = _main_table(results, metrics, strict)
+    tables = [main] if metrics else [main, *_detail_tables(main, protocol)]
+    notes = method_notes(results, strict)
     return [explained(replace(table, spread=spread), protocol, notes) for table in tables]
 
 
 def against(
-    results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING
+    results: Results, name: str, *, strict: bool = False, metrics: Sequence[str] = ()
 ) -> Table:
     """Return paired differences of the main table's methods from another, over common clips.
 
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
     protocol = results.protocol()
-    reference = _main_table(results, Choice((name,)), strict).methods[0]
-    main = _main_table(results, choice, strict)
+    reference = _main_table(results.select(name), (), strict).methods[0]
+    main = _main_table(results, metrics, strict)
     others = [m for m in main.methods if m.label != reference.label and m.scores]
     errors = {column.key for column in main.columns if column.higher_is_better is False}
     exact = [key for key in reference.scores if key in errors and reference.scores[key].is_exact]
@@ -79,19 +78,19 @@ def against(
     return explained(table, protocol, notes)
 
 
-def _main_table(results: Results, choice: Choice, strict: bool) -> Table:
-    """Return the table of whole frames and poses; BadData for a named method without scores."""
+def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
+    """Return the table of whole frames and poses; BadData for a selected method without scores."""
     protocol = results.protocol()
     methods = []
-    for method in choice.select(results.methods()):
+    for method in results.methods():
         if method.status in ("done", "partial"):
             methods += method_scores(results, method, strict=strict)
-        elif choice.methods:
+        elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
-    keys = choice.columns(protocol["metrics"], _keys(methods))
+    keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
     headings = {key: title(key) for key in keys}
-    return table_of("scores", "whole frames and poses", headings, choice.select(methods), protocol)
+    return table_of("scores", "whole frames and poses", headings, methods, protocol)
 
 
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> Iterator[Table]:
@@ -171,9 +170,9 @@ def explained(table: Table, protocol: Mapping[str, Any], notes: Sequence[str]) -
     return replace(table, notes=[*before, *notes])
 
 
-def method_notes(results: Results, choice: Choice, strict: bool) -> list[str]:
+def method_notes(results: Results, strict: bool) -> list[str]:
     """Return notes on privileged inputs, on what lacks scores and why, and on provenance."""
-    methods, protocol = choice.select(results.methods()), results.protocol()
+    methods, protocol = results.methods(), results.protocol()
     notes = legend(methods)
     treatment = (
         "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"

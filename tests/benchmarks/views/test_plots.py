@@ -13,7 +13,6 @@ from geovp_benchmarks import cli, plots
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.plots import Options, Page, clips, horizon, style
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Motion, Trajectory
 from tests.benchmarks.conftest import Command
@@ -68,8 +67,9 @@ class TestFiles:
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in strip
 
     def test_selected_methods_and_metrics_alone_are_drawn(self, copied: Path) -> None:
-        choice = Choice(["gt + far", "copy-last"], ["psnr"])
-        selected = draw(copied, Options(choice))
+        results = Results(copied).select("gt + far", "copy-last")
+        pages = plots.write_all(results, Options(["psnr"]))
+        selected = {page.stem: page for page, _ in pages}
         assert [name for name in selected if name.startswith("horizon")] == ["horizon-psnr"]
         assert legend(selected["horizon-psnr"]) == ["gt + far", "copy-last"]
         assert "kalman" not in texts(selected[f"strip-{CLIP}"])
@@ -241,7 +241,7 @@ class TestPaths:
         prediction = results.prediction("gt--far", KEPT)
         motion = Motion(past, poses[None, 3:], np.ones(3, bool))
         results.write_prediction("gt--far", KEPT, replace(prediction, motion=motion))
-        page = draw(copied, Options(Choice(["gt + far"])))[f"paths-{CLIP}"]
+        page = draw(copied, Options())[f"paths-{CLIP}"]
         for line in page.figure.axes[0].lines[1:3]:
             np.testing.assert_allclose(line.get_xydata()[[0, -1]], [[0, 0], [2, -1]], atol=1e-12)
 
