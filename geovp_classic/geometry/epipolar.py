@@ -11,7 +11,7 @@ from typing import Self
 import cv2
 import numpy as np
 
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+from geovp_classic.types import FloatArray, Intrinsics
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Epipolar:
         )
         z = np.maximum(ratio, np.float32(1e-3))
         pixels = cv2.merge((x / z, y / z))
-        return np.asarray(pixels, np.float32), ratio
+        return pixels, ratio
 
     def _at(self, like: FloatArray) -> tuple[FloatArray, ...]:
         """Return A (u, v, 1) for the pixels of an array [H, W], one array per row of A."""
@@ -60,14 +60,3 @@ class Epipolar:
         u = np.arange(width, dtype=np.float32)
         v = np.arange(height, dtype=np.float32)[:, None]
         return tuple(a[0] * u + (a[1] * v + a[2]) for a in self.infinity)
-
-
-def inside(
-    pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0
-) -> BoolArray:
-    """Return which pixels [..., 2] lie within `border_px` of the outermost pixel centres."""
-    u = pixels[..., 0]
-    v = pixels[..., 1]
-    right = camera.width_px - 1 + border_px
-    bottom = camera.height_px - 1 + border_px
-    return (u >= -border_px) & (u <= right) & (v >= -border_px) & (v <= bottom)

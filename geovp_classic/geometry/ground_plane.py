@@ -14,9 +14,8 @@ class GroundPlane:
 
     normal: FloatArray  # [3], unit length, pointing down
     height: float  # of the camera above it, in the poses' unit
-    max_range_heights: float = (
-        20.0  # camera heights; farther ground need not be plane
-    )
+    # camera heights; farther ground need not be plane
+    max_range_heights: float = 20.0
 
     def inverse_depth(self, camera: Intrinsics) -> FloatArray:
         """Return the inverse depth [H, W] float32 of the plane; negative above its horizon."""
@@ -40,12 +39,10 @@ class GroundFit:
     stride_px: int = 4  # of the pixels that are used
     max_relative_error: float = 0.05  # of the inverse depth of an inlier
     min_inlier_fraction: float = 0.2  # of the lower half
-    min_upright_cosine: float = (
-        0.9  # between the plane's normal and the camera's y axis
-    )
-    max_range_heights: float = (
-        20.0  # farther points draw the plane to the foot of upright objects
-    )
+    # between the plane's normal and the camera's y axis
+    min_upright_cosine: float = 0.9
+    # farther points draw the plane to the foot of upright objects
+    max_range_heights: float = 20.0
     seed: int = 0
 
     def fit(

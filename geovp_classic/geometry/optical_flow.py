@@ -37,8 +37,8 @@ def track_points(
         criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    start = np.asarray(pixels, dtype=np.float32)
-    guess = np.array(predicted, dtype=np.float32)
+    start = pixels.astype(np.float32)
+    guess = predicted.astype(np.float32)
     tracked, status, error = track(
         before, now, start, guess, maxLevel=forward_levels - 1
     )
@@ -47,8 +47,4 @@ def track_points(
     )
     is_tracked = np.linalg.norm(returned - start, axis=1) < max_return_px
     is_tracked &= (status.ravel() > 0) & (return_status.ravel() > 0)
-    return (
-        np.asarray(tracked, np.float32),
-        is_tracked,
-        np.asarray(error, np.float32).ravel(),
-    )
+    return tracked, is_tracked, error.ravel()

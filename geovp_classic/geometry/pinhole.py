@@ -5,7 +5,6 @@ import functools
 import cv2
 import numpy as np
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 
@@ -23,31 +22,25 @@ def project(
 
 def unproject(
     pixels: FloatArray,  # [..., 2]
-    depth: FloatArray,  # [...]
+    depth: FloatArray | float,  # [...]
     camera: Intrinsics,
 ) -> FloatArray:
     """Return points [..., 3] in the camera frame at the given z-depth."""
-    x = (pixels[..., 0] - camera.cx_px) / camera.fx_px
-    y = (pixels[..., 1] - camera.cy_px) / camera.fy_px
-    return np.stack(
-        [x * depth, y * depth, np.broadcast_to(depth, x.shape)], axis=-1
-    )
+    x = (pixels[..., 0] - camera.cx_px) / camera.fx_px * depth
+    y = (pixels[..., 1] - camera.cy_px) / camera.fy_px * depth
+    return np.stack([x, y, np.broadcast_to(depth, x.shape)], axis=-1)
 
 
 def pixel_grid(camera: Intrinsics) -> FloatArray:
     """Return all pixels [H, W, 2] as (u, v)."""
-    u, v = np.meshgrid(
-        np.arange(camera.width_px, dtype=np.float64),
-        np.arange(camera.height_px, dtype=np.float64),
-    )
+    v, u = np.indices((camera.height_px, camera.width_px), np.float64)
     return np.stack([u, v], axis=-1)
 
 
 @functools.lru_cache(maxsize=8)
 def rays(camera: Intrinsics) -> FloatArray:
     """Return the rays [H, W, 3] of all pixels with z = 1; cached, hence read-only."""
-    grid = pixel_grid(camera)
-    directions = unproject(grid, np.ones(grid.shape[:2]), camera)
+    directions = unproject(pixel_grid(camera), 1.0, camera)
     directions.setflags(write=False)
     return directions
 
@@ -73,25 +66,13 @@ def centre_crop(
 
 
 def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
-    """Resize an image [H, W, 3] to (width, height): area average if smaller, bicubic if larger.
-
-    Raise BadData for sizes below one pixel.
-    """
+    """Resize an image [H, W, 3] to (width, height): area average if smaller, bicubic if larger."""
     height_px, width_px = image.shape[:2]
     if (width_px, height_px) == tuple(size_px):
         return image
-    if min(*size_px, width_px, height_px) < 1:
-        raise BadData(
-            f"cannot resize an image of {width_px}x{height_px} to {size_px}: sizes must be positive"
-        )
     shrinking = size_px[0] < width_px or size_px[1] < height_px
-    return np.asarray(
-        cv2.resize(
-            image,
-            size_px,
-            interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC,
-        )
-    )
+    interpolation = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
+    return cv2.resize(image, size_px, interpolation=interpolation)
 
 
 def grey(frame: ByteArray) -> FloatArray:
@@ -103,7 +84,4 @@ def grey8(frame: ByteArray) -> ByteArray:
     """Convert an image [H, W, 3] or [H, W] to grey, uint8."""
     if frame.ndim == 2:
         return frame
-    return np.asarray(
-        cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY),
-        dtype=np.uint8,
-    )
+    return cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)

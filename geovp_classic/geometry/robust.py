@@ -8,7 +8,6 @@ import numpy as np
 from geovp_classic.types import FloatArray
 
 State = TypeVar("State")
-Weight = Callable[[FloatArray, float], FloatArray]
 
 
 def cauchy_weight(residual: FloatArray, scale: float) -> FloatArray:
@@ -32,10 +31,8 @@ def irls(
     | Callable[
         [FloatArray], float
     ],  # of the residuals, or how to get it from them
-    weight: Weight = cauchy_weight,
     num_rounds: int = 10,
     min_step: float = 1e-8,
-    damping: float = 1e-9,
 ) -> State:
     """Minimise a robust sum of squared residuals by iteratively reweighted Gauss-Newton.
 
@@ -49,15 +46,13 @@ def irls(
             residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
         )
         current_scale = scale(size) if callable(scale) else scale
-        weights = weight(size, current_scale).reshape(
-            -1, *[1] * (jacobian.ndim - 1)
-        )
         num_unknowns = jacobian.shape[-1]
-        weighted = (jacobian * weights).reshape(-1, num_unknowns)
-        normal = weighted.T @ jacobian.reshape(
-            -1, num_unknowns
-        ) + damping * np.eye(num_unknowns)
-        step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
+        weights = cauchy_weight(size, current_scale)
+        weights = np.repeat(weights, residual.size // len(weights))[:, None]
+        jacobian = jacobian.reshape(-1, num_unknowns)
+        weighted = (jacobian * weights).T
+        normal = weighted @ jacobian + 1e-9 * np.eye(num_unknowns)
+        step = -np.linalg.solve(normal, weighted @ residual.ravel())
         state = retract(state, step)
         if np.abs(step).max() < min_step:
             break

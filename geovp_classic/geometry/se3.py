@@ -23,8 +23,6 @@ def compose(
     translation: FloatArray,  # [..., 3]
 ) -> FloatArray:
     """Return the 4x4 matrices of rotations and translations; leading axes broadcast."""
-    rotation = np.asarray(rotation, dtype=np.float64)
-    translation = np.asarray(translation, dtype=np.float64)
     lead = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     b_from_a = np.zeros((*lead, 4, 4))
     b_from_a[..., :3, :3] = rotation
@@ -44,21 +42,31 @@ def transform(
 
 def exp(twist: FloatArray) -> FloatArray:
     """Return the rigid motions [..., 4, 4] of twists [..., 6]."""
-    twist = np.asarray(twist, dtype=np.float64)
     rotation_vector = twist[..., 3:]
     translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[
         ..., 0
     ]
-    return compose(_rotation_matrix(rotation_vector), translation)
+    flat = np.array(rotation_vector).reshape(-1, 3)  # SciPy 1.15 writes to it
+    rotation = Rotation.from_rotvec(flat).as_matrix()
+    return compose(rotation.reshape(*rotation_vector.shape, 3), translation)
 
 
 def log(b_from_a: FloatArray) -> FloatArray:
     """Return the twists [..., 6] of rigid motions [..., 4, 4]; angles are in [0, pi]."""
-    b_from_a = np.asarray(b_from_a, dtype=np.float64)
     rotation_vector = _rotation_vector(b_from_a[..., :3, :3])
     jacobian = _left_jacobian(rotation_vector)
     translational = np.linalg.solve(jacobian, b_from_a[..., :3, 3:])[..., 0]
     return np.concatenate([translational, rotation_vector], axis=-1)
+
+
+def steps(world_from_cam: FloatArray) -> FloatArray:
+    """Return the motions before_from_now [T - 1, 4, 4] between consecutive poses [T, 4, 4]."""
+    return inverse(world_from_cam[:-1]) @ world_from_cam[1:]
+
+
+def step_lengths(world_from_cam: FloatArray) -> FloatArray:
+    """Return the distances [T - 1] between consecutive poses [T, 4, 4]."""
+    return np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
 
 
 def interpolate(
@@ -75,27 +83,6 @@ def interpolate(
     fraction = (at_s - times_s[before]) / (times_s[after] - times_s[before])
     step = log(inverse(world_from_cam[before]) @ world_from_cam[after])
     return world_from_cam[before] @ exp(fraction[:, None] * step)
-
-
-def turn(
-    c_from_a: FloatArray,  # [..., 4, 4]
-    c_from_b: FloatArray,  # [..., 4, 4]
-) -> FloatArray:
-    """Return the rotation vectors [..., 3], in c, that turn the first rotations into the second."""
-    return _rotation_vector(
-        c_from_b[..., :3, :3] @ np.swapaxes(c_from_a[..., :3, :3], -1, -2)
-    )
-
-
-def turned(
-    c_from_a: FloatArray,  # [..., 4, 4]
-    rotation_vector: FloatArray,  # [..., 3], in c
-) -> FloatArray:
-    """Return the same positions with their rotations turned."""
-    return compose(
-        _rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3],
-        c_from_a[..., :3, 3],
-    )
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
@@ -125,20 +112,10 @@ def orthonormalised(
 
 def cross_matrix(vector: FloatArray) -> FloatArray:
     """Return [v]x [..., 3, 3] of vectors [..., 3], with [v]x u = v x u."""
-    x = vector[..., 0]
-    y = vector[..., 1]
-    z = vector[..., 2]
+    x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
     rows = [zero, -z, y, z, zero, -x, -y, x, zero]
     return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
-
-
-def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
-    flat = np.array(rotation_vector).reshape(
-        -1, 3
-    )  # a copy: SciPy 1.15 needs a writable array
-    matrices = Rotation.from_rotvec(flat).as_matrix()
-    return matrices.reshape(*rotation_vector.shape[:-1], 3, 3)
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:

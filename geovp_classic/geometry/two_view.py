@@ -37,9 +37,8 @@ class TwoViewEstimator:
     # inliers of a motion without translation; the others may be moving objects
     min_static_fraction: float = 0.7
     min_inlier_fraction: float = 0.4  # of a general motion
-    min_in_front_fraction: float = (
-        0.6  # of the inliers, in front of both cameras
-    )
+    # of the inliers, in front of both cameras
+    min_in_front_fraction: float = 0.6
 
     def estimate(
         self,
@@ -57,22 +56,15 @@ class TwoViewEstimator:
         if len(rays_a) < self.min_points:
             return unknown
         max_error = self.max_inlier_error * noise
-        shift = np.linalg.norm(rays_b - rays_a, axis=1)
-        if (shift < max_error).mean() >= self.min_static_fraction:
-            return TwoView(
-                "stationary",
-                np.eye(4),
-                shift < max_error,
-                float(np.median(shift)),
-            )
-        rotation = se3.compose(
-            best_rotation(rays_a, rays_b, noise), np.zeros(3)
-        )
-        shift = parallax(rotation, rays_a, rays_b)
-        if (shift < max_error).mean() >= self.min_static_fraction:
-            return TwoView(
-                "rotation", rotation, shift < max_error, float(np.median(shift))
-            )
+        b_from_a = np.eye(4)
+        kinds: tuple[Kind, ...] = ("stationary", "rotation")
+        for kind in kinds:
+            if kind == "rotation":
+                b_from_a[:3, :3] = best_rotation(rays_a, rays_b, noise)
+            shift = parallax(b_from_a, rays_a, rays_b)
+            fits = shift < max_error
+            if fits.mean() >= self.min_static_fraction:
+                return TwoView(kind, b_from_a, fits, float(np.median(shift)))
         return self._general(rays_a, rays_b, noise) or unknown
 
     def _general(

@@ -20,18 +20,13 @@ def bundle_adjust(
     The first `num_fixed` keyframes stay. With only one fixed, the length of a baseline stays, too.
     """
     model = _reconstruction(cam_from_world, points, pixels, lens)
-    options = _options(robust_px)
-    if not _solve(model, options, num_fixed):
+    if not _solve(model, _options(robust_px), num_fixed):
         return cam_from_world, points
-    adjusted = np.array(
-        [model.points3D[n + 1].xyz for n in range(len(points))]
-    ).reshape(-1, 3)
-    poses = np.tile(np.eye(4), (len(cam_from_world), 1, 1))
+    poses = cam_from_world.copy()
     for k in range(len(poses)):
         poses[k, :3] = model.images[k + 1].cam_from_world().matrix()
-    if not (np.isfinite(poses).all() and np.isfinite(adjusted).all()):
-        return cam_from_world, points
-    return poses, adjusted
+    adjusted = [model.points3D[n + 1].xyz for n in range(len(points))]
+    return poses, np.array(adjusted)
 
 
 def adjust_focal(
@@ -80,12 +75,11 @@ def _reconstruction(
         )
         rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
         model.add_image_with_trivial_frame(image, rigid)
-    tracks = [pycolmap.Track() for _ in points]
     is_observed = np.isfinite(pixels[..., 0])
-    numbers, steps = np.nonzero(is_observed.T)
-    for n, k in zip(numbers.tolist(), steps.tolist(), strict=True):
-        tracks[n].add_element(k + 1, n)
-    for point, track in zip(points, tracks, strict=True):
+    for n, point in enumerate(points):
+        track = pycolmap.Track()
+        for k in np.flatnonzero(is_observed[:, n]).tolist():
+            track.add_element(k + 1, n)
         model.add_point3D(point, track)
     return model
 

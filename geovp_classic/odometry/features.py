@@ -17,22 +17,18 @@ class CornerTracker:
     num_features: int = 450
     # smallest eigenvalue of a corner, for an image of variance 1 (scale of OpenCV)
     min_corner_strength: float = 0.003
-    min_contrast: float = (
-        1.5  # grey values; an image with a smaller deviation has no corners
-    )
+    # grey values; an image with a smaller deviation has no corners
+    min_contrast: float = 1.5
     border_px: int = 8  # without corners
-    half_size_from_px: int = (
-        640  # wider images are searched for corners at half their size
-    )
+    # wider images are searched for corners at half their size
+    half_size_from_px: int = 640
     window_px: int = 11
     num_levels: int = 4
     max_return_px: float = 0.5  # of the forward-backward check
-    noise_px: float = (
-        0.25  # standard deviation of a coordinate of a tracked corner
-    )
-    min_exposure_change: float = (
-        0.08  # relative change that is compensated before tracking
-    )
+    # standard deviation of a coordinate of a tracked corner
+    noise_px: float = 0.25
+    # relative change that is compensated before tracking
+    min_exposure_change: float = 0.08
     # a window may differ by this times the median difference, plus these grey values
     max_difference_ratio: float = 3.0
     max_difference_offset: float = 4.0
@@ -55,11 +51,8 @@ class CornerTracker:
         shrink = 1
         if grey.shape[1] >= self.half_size_from_px:
             shrink = 2
-            grey = np.asarray(
-                cv2.resize(
-                    grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
-                ),
-                np.uint8,
+            grey = cv2.resize(
+                grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
             )
         strength = cv2.cornerMinEigenVal(grey, 3) * (255 / contrast) ** 2
         border = self.border_px // shrink
@@ -122,7 +115,7 @@ class CornerTracker:
         gain = float(np.median((cells_reference + 1) / (cells + 1)))
         if abs(gain - 1) < self.min_exposure_change:
             return grey
-        return np.asarray(cv2.convertScaleAbs(grey, alpha=gain), dtype=np.uint8)
+        return cv2.convertScaleAbs(grey, alpha=gain)
 
     def _track(
         self,
@@ -141,7 +134,9 @@ class CornerTracker:
             max_return_px=self.max_return_px,
         )
         tracked = np.nan_to_num(tracked.astype(np.float64))
-        is_found &= _is_inside(tracked, images[1], margin_px=2)
+        size_px = np.array(images[1].shape[1::-1])
+        is_inside = (tracked >= 2) & (tracked < size_px - 2)
+        is_found &= is_inside.all(axis=1)
         if is_found.any():
             usual = float(np.median(difference[is_found]))
             is_found &= (
@@ -149,15 +144,6 @@ class CornerTracker:
                 < self.max_difference_ratio * usual + self.max_difference_offset
             )
         return tracked, is_found
-
-
-def _is_inside(
-    pixels: FloatArray, image: ByteArray, margin_px: float
-) -> BoolArray:
-    size_px = np.array(image.shape[1::-1])
-    return np.asarray(
-        ((pixels >= margin_px) & (pixels < size_px - margin_px)).all(axis=1)
-    )
 
 
 def _cell(pixels: FloatArray, side_px: float) -> IntArray:

@@ -9,16 +9,16 @@ length and a faster camera give the same images.
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_classic.observation import scene_window_of
 from geovp_classic.odometry.bundle import adjust_focal
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.tracking import Image, Tracker, Tracking
+from geovp_classic.odometry.tracking import Image, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import ByteArray, Intrinsics
 
 NORMAL_QUANTILE = 1.645  # of a 90 % interval, in standard deviations
 
@@ -45,22 +45,19 @@ class FocalLengthEstimator:
     """Search of the focal length that bundle adjustment leaves unchanged."""
 
     window: int = 30  # images; 3 s at KITTI's rate
-    min_images: int = (
-        15  # of a window; shorter ones agree with wrong focal lengths too often
-    )
+    # of a window; shorter ones agree with wrong focal lengths too often
+    min_images: int = 15
     # focal lengths by image width, for views of 110 to 33 degrees
     start_ratios: tuple[float, ...] = (0.35, 0.6, 1.0, 1.7)
     max_rounds: int = 4  # of the search between two of these
     max_step: float = 0.01  # of the logarithm, which ends the search
-    step_noise: float = (
-        0.008  # of the logarithm; errors on KITTI times slope are 0.006 (rms)
-    )
-    systematic_error: float = (
-        0.025  # relative, by a principal point that is not at the centre
-    )
+    # of the logarithm; errors on KITTI times slope are 0.006 (rms)
+    step_noise: float = 0.008
+    # relative, by a principal point that is not at the centre
+    systematic_error: float = 0.025
     min_keyframes: int = 5
     num_points: int = 500  # with most observations, in the bundle adjustment
-    tracking: Tracking = field(default_factory=Tracking)
+    tracking: Tracking = Tracking()
 
     @single_threaded_blas
     def estimate(
@@ -70,12 +67,8 @@ class FocalLengthEstimator:
 
         The result is None if no window is informative.
         """
-        roots = [
-            self._root(window)
-            for window in windows
-            if len(window) >= self.min_images
-        ]
-        informative = [root for root in roots if root is not None]
+        long = (each for each in windows if len(each) >= self.min_images)
+        informative = list(filter(None, map(self._root, long)))
         if not informative:
             return None
         logs, sds = np.array(informative).T
@@ -95,20 +88,18 @@ class FocalLengthEstimator:
         corners = parallel_map(self.tracking.corners.detect, greys)
         images = list(map(Image, greys, corners, range(len(greys))))
         rows, columns = window
-        left, top = columns.start, rows.start
-        size = (columns.stop - left, rows.stop - top)
+        height, width = greys[0].shape
+        centre = ((width_px - 1) / 2, (height_px - 1) / 2)
 
         @functools.cache
         def step(log_focal: float) -> float:
             focal_px = float(np.exp(log_focal))
-            centre = ((width_px - 1) / 2, (height_px - 1) / 2)
             whole = Intrinsics(focal_px, focal_px, *centre, width_px, height_px)
-            adjusted_px = self._adjusted_focal(
-                images, whole.cropped(left, top, *size)
-            )
+            camera = whole.cropped(columns.start, rows.start, width, height)
+            adjusted_px = self._adjusted_focal(images, camera)
             return float(np.log(adjusted_px)) - log_focal
 
-        starts = [float(np.log(ratio * size[0])) for ratio in self.start_ratios]
+        starts = np.log(np.multiply(self.start_ratios, width)).tolist()
         starts = [start for start in starts if np.isfinite(step(start))]
         is_longer = [step(start) > 0 for start in starts]
         num_longer = sum(is_longer)
@@ -128,22 +119,10 @@ class FocalLengthEstimator:
 
     def _adjusted_focal(self, images: list[Image], camera: Intrinsics) -> float:
         """Return the focal length that bundle adjustment ends at, or NaN."""
-        keyframes = self.tracking.keyframes.for_clip(len(images))
-        tracker = Tracker(replace(self.tracking, keyframes=keyframes), camera)
-        for image in images:
-            tracker.push(image)
-        tracks = tracker.map
+        tracks = track_clip(self.tracking, images, camera).map
         if len(tracks.keyframes) < self.min_keyframes:
             return np.nan
-        counts: FloatArray = np.where(
-            tracks.triangulated, tracks.observed.sum(axis=0), 0
-        )
-        index = np.argsort(-counts, kind="stable")[: self.num_points]
-        index = index[counts[index] >= 2]
-        observations = tracks.observations[:, index]
-        return adjust_focal(
-            tracks.cam_from_world,
-            tracks.points[index],
-            observations,
-            Lens(camera),
-        )
+        index = tracks.adjustable()[: self.num_points]
+        points = tracks.points[index]
+        pixels = tracks.observations[:, index]
+        return adjust_focal(tracks.cam_from_world, points, pixels, Lens(camera))

@@ -1,6 +1,6 @@
 """Metric scale of an odometry from the road and the camera's height above it."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +41,7 @@ class GroundPlane:
     error_per_rad: float = 8.0
     # relative error that all measurements share: of pitch, and by roads that are not flat
     systematic_error: float = 0.02
-    walk: RandomWalk = field(default_factory=RandomWalk)  # of the height
+    walk: RandomWalk = RandomWalk()  # of the height
     step_per_rad: float = 20.0  # relative increase of its steps by the rotation
     # search around the last heights, in logarithms
     search_range: float = 0.3
@@ -55,14 +55,13 @@ class GroundPlane:
     sufficient_correlation: float = 0.85  # ends the first search
     max_missed: int = 2  # pairs in a row, before the first search is repeated
     wobble_rad: float = 0.004  # of pitch and roll from image to image
-    initial_tilt_rad: float = (
-        0.0175  # uncertainty of pitch and roll before the first measurement
-    )
+    # uncertainty of pitch and roll before the first measurement
+    initial_tilt_rad: float = 0.0175
     min_tilt_rate: float = 0.05  # of the running means of pitch and roll
     max_pitch_deg: float = 20.0  # of a camera with a visible road
     # assumed if a clip shows no road; "none": the clip has no metric scale
-    prior: SpeedPrior | None = field(default_factory=SpeedPrior)
-    road: RoadAligner = field(default_factory=RoadAligner)
+    prior: SpeedPrior | None = SpeedPrior()
+    road: RoadAligner = RoadAligner()
     min_samples: int = 50  # of the road in the image
 
     needs = PrivilegedInput.CAMERA_HEIGHT
@@ -183,7 +182,10 @@ class GroundPlaneEstimator:
         self._num_missed = 0
         self._num_measured += 1
         rate = max(settings.min_tilt_rate, 1 / self._num_measured)
-        self._update_tilt(measured.plane, rate / turn_ratio**2)
+        rate /= turn_ratio**2
+        self.pitch_rad += rate * (pitch(measured.plane) - self.pitch_rad)
+        roll_rad = float(np.arctan2(measured.plane[0], measured.plane[1]))
+        self.roll_rad += rate * (roll_rad - self.roll_rad)
 
     def _measure(self, pair: RoadPair) -> RoadMeasurement | None:
         """Return the plane of the road; None if it is not visible."""
@@ -234,11 +236,6 @@ class GroundPlaneEstimator:
             if correlation > settings.sufficient_correlation:
                 break
         return best
-
-    def _update_tilt(self, plane: FloatArray, rate: float) -> None:
-        self.pitch_rad += rate * (pitch(plane) - self.pitch_rad)
-        roll_rad = float(np.arctan2(plane[0], plane[1]))
-        self.roll_rad += rate * (roll_rad - self.roll_rad)
 
     def _assume(self, length: float, duration_s: float) -> None:
         """Assume the prior's median speed, if there is a prior."""

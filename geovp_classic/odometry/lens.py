@@ -23,7 +23,7 @@ class Lens:
 
     def distorted_rays(self, pixels: FloatArray) -> FloatArray:
         """Return the rays [..., 2] of pixels [..., 2] by the pinhole model alone."""
-        return pinhole.unproject(pixels, np.ones(()), self.camera)[..., :2]
+        return pinhole.unproject(pixels, 1.0, self.camera)[..., :2]
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return the undistorted rays [..., 2] of pixels [..., 2]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Literal
 
@@ -13,7 +13,7 @@ from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.observation import stream
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.tracking import Image, Tracker, Tracking
+from geovp_classic.odometry.tracking import Image, Tracker, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import (
     BoolArray,
@@ -34,9 +34,9 @@ class Monocular:
     PrivilegedInput.FULL_FRAMES). A clip is bundle-adjusted as a whole.
     """
 
-    scale: Scale = field(default_factory=GroundPlane)
+    scale: Scale = GroundPlane()
     frames: Literal["crop", "full"] = "crop"
-    tracking: Tracking = field(default_factory=Tracking)
+    tracking: Tracking = Tracking()
     # Images between two that the scale is measured with; the first that is long enough is used.
     # Images less than this many camera heights apart say little about the road.
     scale_strides: tuple[int, ...] = (1, 2, 4)
@@ -72,7 +72,9 @@ class Monocular:
         ]
 
         # Track
-        path = self._track_images(images, view.intrinsics)
+        tracker = track_clip(self.tracking, images, view.intrinsics)
+        tracker.map.adjust(num_fixed=1)
+        path = Path(*tracker.poses(), tracker.radial.mean)
         is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
         if is_measured.sum() >= 2:
             path = path.select(is_measured)
@@ -125,8 +127,8 @@ class Monocular:
                 estimator.update(*tracker.new_pair)
                 updated.append(index)
         poses, tracked = tracker.poses()
-        steps = se3.inverse(poses[:-1]) @ poses[1:]
-        length = float(np.linalg.norm(steps[:, :3, 3], axis=1).sum())
+        steps = se3.steps(poses)
+        length = float(se3.step_lengths(poses).sum())
         estimator.finalize(length, float(times_s[-1] - times_s[0]))
         if len(estimator.units):
             units = np.interp(
@@ -140,19 +142,6 @@ class Monocular:
             world_from_cam, times_s, estimator.uncertainty
         ), tracked
 
-    def _track_images(
-        self, images: list[Image], intrinsics: Intrinsics
-    ) -> Path:
-        """Track the images of a clip, and adjust all of them together."""
-        keyframes = self.tracking.keyframes.for_clip(len(images))
-        tracker = Tracker(
-            replace(self.tracking, keyframes=keyframes), intrinsics
-        )
-        for image in images:
-            tracker.push(image)
-        tracker.map.adjust(num_fixed=1)
-        return Path(*tracker.poses(), tracker.radial.mean)
-
     def _fit_scale(
         self,
         images: list[Image],
@@ -164,10 +153,9 @@ class Monocular:
 
         This is the one before it, unless the camera is too slow.
         """
-        steps = se3.inverse(path.world_from_cam[:-1]) @ path.world_from_cam[1:]
-        pitch_rad = planar.travel_pitch_rad(
-            steps[path.tracked[:-1] & path.tracked[1:], :3, 3]
-        )
+        steps = se3.steps(path.world_from_cam)
+        is_tracked = path.tracked[:-1] & path.tracked[1:]
+        pitch_rad = planar.travel_pitch_rad(steps[is_tracked, :3, 3])
         mean_step = path.length / max(len(steps), 1)
         duration_s = images[-1].time_s - images[0].time_s
         best: ScaleEstimator | None = None
@@ -198,9 +186,7 @@ class Monocular:
         uncertainty: float,
     ) -> Trajectory:
         """Return a metric trajectory, or one with a mean step of 1 if the scale is unknown."""
-        steps = np.linalg.norm(
-            np.diff(world_from_cam[:, :3, 3], axis=0), axis=1
-        )
+        steps = se3.step_lengths(world_from_cam)
         if self.scale.is_metric and np.isfinite(uncertainty):
             return Trajectory(world_from_cam, times_s, True, uncertainty)
         moves = steps.sum() > 0
@@ -222,8 +208,7 @@ class Path:
     @property
     def length(self) -> float:
         """Return the sum of the steps."""
-        steps = np.diff(self.world_from_cam[:, :3, 3], axis=0)
-        return float(np.linalg.norm(steps, axis=1).sum())
+        return float(se3.step_lengths(self.world_from_cam).sum())
 
     def select(self, mask: BoolArray) -> Path:
         """Return the path through some of the images [P]."""

@@ -19,9 +19,8 @@ class RandomWalk:
     step: float = 0.002  # default standard deviation of a step
     prior_weight: float = 20.0  # measurements that the defaults count for
     degrees_of_freedom: float = 4.0  # of Student's distribution
-    start_ratio: float = (
-        10.0  # of the first round's step, which only shrinks slowly
-    )
+    # of the first round's step, which only shrinks slowly
+    start_ratio: float = 10.0
     num_rounds: int = 15
 
     def smooth(

@@ -16,9 +16,8 @@ class Resection:
     """Robust Gauss-Newton from a guess, and from random samples if that has few inliers."""
 
     max_inlier_error: float = 5.0  # standard deviations of the noise
-    min_sampling_fraction: float = (
-        0.6  # inliers of the guess that make random samples unnecessary
-    )
+    # inliers of the guess that make random samples unnecessary
+    min_sampling_fraction: float = 0.6
     min_inliers: int = 12
     min_inlier_fraction: float = 0.4
 
@@ -79,7 +78,7 @@ def refine_pose(
         return residual, jacobian.transpose(2, 0, 1)
 
     def retract(pose: FloatArray, step: FloatArray) -> FloatArray:
-        rotation = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
+        rotation, _ = cv2.Rodrigues(step[3:])
         return se3.compose(rotation, step[:3]) @ pose
 
     def scale(errors: FloatArray) -> float:
@@ -113,7 +112,6 @@ def _sample_pose(
         )
     except cv2.error:  # all samples are degenerate
         return None
-    pose = np.eye(4)
-    pose[:3, :3] = cv2.Rodrigues(rotation_vector)[0]
-    pose[:3, 3:] = translation
+    rotation, _ = cv2.Rodrigues(rotation_vector)
+    pose = se3.compose(rotation, translation[:, 0])
     return pose if has_pose and np.isfinite(pose).all() else None

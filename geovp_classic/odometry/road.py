@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from geovp_classic.geometry import planar
 from geovp_classic.geometry.robust import geman_mcclure_weight
 from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.odometry.lens import Lens
@@ -46,9 +47,7 @@ class RoadAligner:
 
     def blurred(self, grey: ByteArray) -> FloatArray:
         """Return the grey image [H, W] as float32, blurred."""
-        sigma_px = self.blur_px
-        blurred = cv2.GaussianBlur(grey, (0, 0), sigma_px)
-        return blurred.astype(np.float32)
+        return cv2.GaussianBlur(grey, (0, 0), self.blur_px).astype(np.float32)
 
     def samples(self, lens: Lens, normal: FloatArray) -> FloatArray:
         """Return pixels [N, 2] of the road ahead, evenly spread over the image.
@@ -243,13 +242,8 @@ def level_plane(
 
     A positive roll turns the camera clockwise.
     """
-    cos_pitch = np.cos(pitch_rad)
-    normal = [
-        cos_pitch * np.sin(roll_rad),
-        cos_pitch * np.cos(roll_rad),
-        -np.sin(pitch_rad),
-    ]
-    return np.array(normal) / height
+    level_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
+    return level_from_cam[1, :3] / height
 
 
 def sample(
@@ -261,9 +255,7 @@ def sample(
     u, v = np.moveaxis(
         pixels.reshape(-1, num_pixels, 2).astype(np.float32), -1, 0
     )
-    values = np.asarray(
-        cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.float64
-    )
+    values = cv2.remap(image, u, v, cv2.INTER_LINEAR).astype(np.float64)
     return values.reshape(*pixels.shape[:-1], *image.shape[2:])
 
 

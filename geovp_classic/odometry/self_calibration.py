@@ -28,9 +28,8 @@ class RadialEstimate:
     )  # about the distortion left in rectified KITTI images
     min_turn_deg: float = 1.5  # between two keyframes; in less, distortion looks like tracking bias
     min_points: int = 50
-    scale: float = (
-        3.0  # of the Cauchy weights, in standard deviations of the noise
-    )
+    # of the Cauchy weights, in standard deviations of the noise
+    scale: float = 3.0
     inflation: float = 2.0  # of the noise, for the points' common errors
 
     def updated(

@@ -1,6 +1,7 @@
 """Tracking of one camera image by image: two-view initialisation, resection, keyframes."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,22 +29,19 @@ from geovp_classic.types import (
 class Tracking:
     """Methods and settings of a tracker."""
 
-    corners: CornerTracker = field(default_factory=CornerTracker)
-    keyframes: KeyframePolicy = field(default_factory=KeyframePolicy)
-    two_view: TwoViewEstimator = field(default_factory=TwoViewEstimator)
-    resection: Resection = field(default_factory=Resection)
-    radial: RadialEstimate = field(default_factory=RadialEstimate)
-    min_start_points: int = (
-        30  # corners or inliers that a map is initialised with
-    )
-    min_start_fraction: float = (
-        0.5  # inliers of a motion relative to a keyframe
-    )
+    corners: CornerTracker = CornerTracker()
+    keyframes: KeyframePolicy = KeyframePolicy()
+    two_view: TwoViewEstimator = TwoViewEstimator()
+    resection: Resection = Resection()
+    radial: RadialEstimate = RadialEstimate()
+    # corners or inliers that a map is initialised with
+    min_start_points: int = 30
+    # inliers of a motion relative to a keyframe
+    min_start_fraction: float = 0.5
     # inliers among a reference keyframe's points; with fewer left a new reference is chosen
     min_reference_fraction: float = 0.3
-    min_found_fraction: float = (
-        0.5  # with fewer points found, the image is bad, not the map
-    )
+    # with fewer points found, the image is bad, not the map
+    min_found_fraction: float = 0.5
     max_bridged: int = 4  # images in a row, before the map is discarded
 
 
@@ -67,6 +65,17 @@ class RelativePose:
     keyframe: Keyframe
     keyframe_from_cam: FloatArray  # [4, 4]
     waiting: Tracks | None  # of an image that waits for a map
+
+
+def track_clip(
+    settings: Tracking, images: Sequence[Image], camera: Intrinsics
+) -> "Tracker":
+    """Track the images of a clip with keyframes that stay for its bundle adjustment."""
+    keyframes = settings.keyframes.for_clip(len(images))
+    tracker = Tracker(replace(settings, keyframes=keyframes), camera)
+    for image in images:
+        tracker.push(image)
+    return tracker
 
 
 class Tracker:

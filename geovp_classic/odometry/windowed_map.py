@@ -28,24 +28,19 @@ class KeyframePolicy:
     # clip, every image of a moving camera is a keyframe.
     min_parallax: float = 0.025
     min_clip_parallax: float = 0.001
-    min_start_parallax: float = (
-        0.004  # between the two images that initialise a map
-    )
+    # between the two images that initialise a map
+    min_start_parallax: float = 0.004
     # of the last keyframe's tracks; a new keyframe is due when fewer are left
     min_shared_fraction: float = 0.6
-    max_bundle_points: int = (
-        300  # those with most observations; 0: no bundle adjustment
-    )
-    adjust_every: int = (
-        1  # keyframes between bundle adjustments, until the window is full
-    )
+    # those with most observations; 0: no bundle adjustment
+    max_bundle_points: int = 300
+    # keyframes between bundle adjustments, until the window is full
+    adjust_every: int = 1
     adjust_every_in_clip: int = 5
-    min_point_parallax: float = (
-        4.0  # of a triangulated point's rays, in standard deviations
-    )
-    max_reprojection_error: float = (
-        5.0  # of an observation, in standard deviations
-    )
+    # of a triangulated point's rays, in standard deviations
+    min_point_parallax: float = 4.0
+    # of an observation, in standard deviations
+    max_reprojection_error: float = 5.0
 
     def __post_init__(self) -> None:
         if self.window < 3:
@@ -166,26 +161,24 @@ class WindowedMap:
 
     def triangulate(self) -> None:
         """Triangulate tracks that two or more keyframes observe with enough parallax."""
-        index = np.flatnonzero(
-            ~self.triangulated & (self.observed.sum(axis=0) >= 2)
-        )
-        self.points[index] = self._triangulate(index)
+        is_new = ~self.triangulated & (self.observed.sum(axis=0) >= 2)
+        self.points[is_new] = self._triangulate(np.flatnonzero(is_new))
+
+    def adjustable(self) -> IntArray:
+        """Return the points with two observations or more, those with most first."""
+        num_observations = self.observed.sum(axis=0)
+        index = np.flatnonzero(self.triangulated & (num_observations >= 2))
+        return index[np.argsort(-num_observations[index], kind="stable")]
 
     def adjust(self, num_fixed: int) -> None:
         """Adjust all keyframes but the first ones, and the points with most observations.
 
         The other points are triangulated again.
         """
-        num_observations = self.observed.sum(axis=0)
-        index = np.flatnonzero(self.triangulated & (num_observations >= 2))
+        index = self.adjustable()
         max_points = self.policy.max_bundle_points
-        if (
-            len(self.keyframes) <= num_fixed
-            or len(index) < 8
-            or max_points == 0
-        ):
+        if len(self.keyframes) <= num_fixed or min(len(index), max_points) < 8:
             return
-        index = index[np.argsort(-num_observations[index], kind="stable")]
         adjusted = index[:max_points]
         others = index[max_points:]
         poses, self.points[adjusted] = bundle_adjust(
@@ -295,4 +288,4 @@ def largest_parallax(
     first_keyframe = np.isfinite(rays[..., 0]).argmax(axis=0)
     first = directions[first_keyframe, np.arange(rays.shape[1])]
     chord = np.linalg.norm(directions - first, axis=-1)
-    return np.asarray(np.nan_to_num(chord).max(axis=0))
+    return np.nan_to_num(chord).max(axis=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.epipolar import Epipolar, inside
+from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(60.0, 66.0, 23.0, 20.0, 48, 40)
@@ -45,12 +45,3 @@ def test_another_camera_sees_the_same_points_at_its_own_pixels(inverse_depth: Fl
     np.testing.assert_allclose(pixels[..., 0], (mine[..., 0] - 23) / 60 * 30 + 12, atol=1e-3)
     np.testing.assert_allclose(pixels[..., 1], (mine[..., 1] - 20) / 66 * 40 + 9, atol=1e-3)
     np.testing.assert_allclose(same, ratio, rtol=1e-5)
-
-
-def test_inside_is_up_to_the_border() -> None:
-    corner = np.array([CAMERA.width_px - 1.0, CAMERA.height_px - 1.0])
-    pixels = np.stack([np.zeros(2), corner, corner + np.array([0.1, 0]), [-0.1, 3], [-0.6, 3]])
-    np.testing.assert_array_equal(inside(pixels, CAMERA), [True, True, False, False, False])
-    np.testing.assert_array_equal(
-        inside(pixels, CAMERA, border_px=0.5), [True, True, True, True, False]
-    )

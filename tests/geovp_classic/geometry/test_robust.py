@@ -1,7 +1,6 @@
 """Robust fits: a line among outliers, and the values of the weight functions."""
 
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import robust
 
@@ -12,8 +11,7 @@ def test_weights_at_zero_and_at_the_scale() -> None:
     assert robust.geman_mcclure_weight(residual, 2.0).tolist() == [1.0, 0.25, 0.25]
 
 
-@pytest.mark.parametrize("weight", [robust.cauchy_weight, robust.geman_mcclure_weight])
-def test_a_line_is_found_among_outliers(weight: robust.Weight) -> None:
+def test_a_line_is_found_among_outliers() -> None:
     """Y = 2 x + 1 with noise 0.01; a fifth of the points is 10 too high."""
     rng = np.random.default_rng(0)
     x = np.linspace(0, 1, 100)
@@ -25,7 +23,6 @@ def test_a_line_is_found_among_outliers(weight: robust.Weight) -> None:
         linearise=lambda line: (jacobian @ line - y, jacobian),
         retract=lambda line, step: line + step,
         scale=lambda residual: max(0.02, float(np.median(np.abs(residual)))),
-        weight=weight,
         num_rounds=30,
     )
     np.testing.assert_allclose(line, [2, 1], atol=0.02)

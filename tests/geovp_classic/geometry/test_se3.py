@@ -114,13 +114,3 @@ def test_the_tolerance_bounds_the_entries_of_the_defect() -> None:
     for tolerance in (1.99e-3, 1e-4):
         with pytest.raises(BadData):
             se3.orthonormalised(rounded, tolerance)
-
-
-@given(twists(), twists())
-def test_a_turn_leads_from_one_rotation_to_the_other_and_keeps_the_position(
-    a: np.ndarray, b: np.ndarray
-) -> None:
-    c_from_a, c_from_b = se3.exp(a), se3.exp(b)
-    result = se3.turned(c_from_a, se3.turn(c_from_a, c_from_b))
-    np.testing.assert_allclose(result[:3, :3], c_from_b[:3, :3], atol=1e-9)
-    np.testing.assert_array_equal(result[:3, 3], c_from_a[:3, 3])
