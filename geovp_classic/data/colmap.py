@@ -7,7 +7,6 @@ registered breaks the sequence, as does another sub-folder.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -32,8 +31,8 @@ class Colmap(PosedSequences):
     cameras are all shown as one pinhole camera sees them.
     """
 
-    name: ClassVar[str] = "colmap"
-    patterns: ClassVar[tuple[str, ...]] = (
+    name = "colmap"
+    patterns = (
         "sparse/0/images.[bt]*",
         "sparse/images.[bt]*",
         "images.[bt]*",

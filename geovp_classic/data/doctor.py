@@ -194,14 +194,12 @@ class Doctor:
             return "-"
         images = [scan.images[number] for number in numbers]
         poses = scan.world_from_cam[numbers]
-        turns_deg = np.degrees(
-            se3.rotation_angle_rad(se3.inverse(poses[:-1]) @ poses[1:])
-        )
+        turns_deg = np.degrees(se3.rotation_angle_rad(se3.steps(poses)))
         message = "turned by {:.0f} degrees from the pose before: more than a car turns"
         _warn_beyond(self.max_turn_deg, turns_deg, images, message, findings)
         if not scan.is_metric:
             return "-"
-        steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        steps_m = se3.step_lengths(poses)
         speeds_m_s = steps_m / np.diff(scan.times_s[numbers])
         message = "{:.0f} m/s from the pose before: more than a car drives"
         _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)

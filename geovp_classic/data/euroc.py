@@ -7,7 +7,6 @@ data.csv in `mav0/state_groundtruth_estimate0` or `mav0/mocap0`: time in ns, pos
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -34,8 +33,8 @@ class Euroc(PosedSequences):
     `image_bits = 16`.
     """
 
-    name: ClassVar[str] = "euroc"
-    patterns: ClassVar[tuple[str, ...]] = ("mav0/cam*/data.csv",)
+    name = "euroc"
+    patterns = ("mav0/cam*/data.csv",)
 
     camera: int = 0
     max_difference_s: float = 0.005  # poses come at 100 to 200 Hz

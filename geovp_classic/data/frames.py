@@ -73,7 +73,7 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
             "or set image_bits to the number of used bits (8 to 16) if they are uint16"
         )
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:
@@ -195,7 +195,7 @@ class VideoFrames:
                 "the range"
             )
         self._next += 1
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def is_image(path: Path) -> bool:

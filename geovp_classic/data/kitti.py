@@ -8,7 +8,6 @@ cam0_from_camk.
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -37,8 +36,8 @@ class Kitti(PosedSequences):
     settings are `SequenceDataset`'s.
     """
 
-    name: ClassVar[str] = "kitti"  # in results
-    prefix: ClassVar[str] = "image_"  # of the folders of images
+    name = "kitti"  # in results
+    prefix = "image_"  # of the folders of images
 
     split: str | None = None
     camera: int | None = None

@@ -10,7 +10,6 @@ import contextlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,8 +36,8 @@ class KittiRaw(Kitti):
     are seconds since the drive's first image.
     """
 
-    name: ClassVar[str] = "kitti-raw"
-    prefix: ClassVar[str] = "image_0"
+    name = "kitti-raw"
+    prefix = "image_0"
 
     def folders(self) -> dict[str, Path]:
         """Return the drives of the root by name; BadData if it is not KITTI raw."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geovp_classic import files
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.findings import RAISE, Findings, parse_numbers
 from geovp_classic.errors import BadData
@@ -151,11 +152,9 @@ def _pose_of_quaternion(numbers: FloatArray) -> FloatArray:
 
 def _write(path: Path, rows: FloatArray, header: str = "") -> None:
     """Write lines of numbers atomically; BadData if they cannot be written."""
-    try:
-        with atomic_write(path) as scratch:
-            np.savetxt(scratch, rows, fmt="%.17g", header=header)
-    except OSError as problem:
-        raise BadData(
-            f"{path} cannot be written ({problem.strerror}): give a file in a folder that can be "
-            "written"
-        ) from problem
+    advice = "give a file in a folder that can be written"
+    with (
+        files.checked(f"{path} cannot be written", advice),
+        atomic_write(path) as scratch,
+    ):
+        np.savetxt(scratch, rows, fmt="%.17g", header=header)

@@ -254,9 +254,7 @@ class SequenceDataset(ABC):
         return [
             (frame_range.sequence, first)
             for frame_range in self.ranges
-            for first in windows.starts(
-                frame_range, self.num_frames, self.stride
-            )
+            for first in frame_range.starts(self.num_frames, self.stride)
         ]
 
     @property

@@ -8,7 +8,6 @@ values a metre, 0 where unknown.
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
@@ -52,8 +51,8 @@ class Tum(PosedSequences):
     those of rgb.txt.
     """
 
-    name: ClassVar[str] = "tum"
-    patterns: ClassVar[tuple[str, ...]] = ("rgb.txt",)
+    name = "tum"
+    patterns = ("rgb.txt",)
 
     intrinsics: Numbers | None = None
     distortion: Distortion | None = None

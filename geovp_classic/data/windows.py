@@ -59,6 +59,11 @@ class FrameRange:
             )
         return replace(self, last=last)
 
+    def starts(self, num_frames: int, stride: int) -> range:
+        """Return the first frames of clips inside the range, whose end is spelled out."""
+        assert self.last is not None
+        return range(self.first, self.last - num_frames + 1, stride)
+
     def __str__(self) -> str:
         frames = "" if self.last is None else f"[{self.first}:{self.last})"
         return self.sequence + frames
@@ -124,36 +129,27 @@ class Recording:
             )
 
 
-def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
-    """Return the first frame of every clip inside a range whose end is spelled out.
-
-    BadData if no clip fits.
-    """
-    assert frames.last is not None
-    count = frames.last - frames.first
-    if count < num_frames:
-        raise BadData(
-            f"{frames} has {count} frames, but one clip needs {num_frames}"
-        )
-    return range(frames.first, frames.last - num_frames + 1, stride)
-
-
 def pieces(
     frames: FrameRange, breaks: Iterable[int], num_frames: int
 ) -> list[FrameRange]:
     """Cut a range, its end spelled out, at breaks.
 
-    Return the pieces that hold a clip of `num_frames`, else the longest.
+    Return the pieces that hold a clip of `num_frames`; BadData if none does.
     """
     assert frames.last is not None
     inner = [at for at in breaks if frames.first < at < frames.last]
     bounds = [frames.first, *inner, frames.last]
-    min_length = min(num_frames, np.diff(bounds).max())
-    return [
+    fitting = [
         FrameRange(frames.sequence, first, last)
         for first, last in itertools.pairwise(bounds)
-        if last - first >= min_length
+        if last - first >= num_frames
     ]
+    if not fitting:
+        raise BadData(
+            f"{frames} has {np.diff(bounds).max()} frames without a break, but one clip needs "
+            f"{num_frames}"
+        )
+    return fitting
 
 
 def clip_name(sequence: str, first: int) -> str:
@@ -222,4 +218,4 @@ def _stretch(image: ByteArray, size_px: Size) -> ByteArray:
     OpenCV does so by default, and so does the data preparation of DMVFN (Hu et al. 2023): the
     protocols that stretch frames are compared by numbers that depend on it.
     """
-    return np.asarray(cv2.resize(image, size_px), np.uint8)
+    return cv2.resize(image, size_px)

@@ -1,7 +1,6 @@
 """The synthetic data set: clips of drives through synthetic streets."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -36,7 +35,7 @@ class Synthetic(Optics):
     `finest_detail_m` make images that survive resampling.
     """
 
-    name: ClassVar[str] = "synthetic"  # in results
+    name = "synthetic"  # in results
 
     seed: int = 0
     num_clips: int = 8
@@ -50,7 +49,7 @@ class Synthetic(Optics):
     bounce: float = 1.0  # scale of the motion of the car's body
     noise: float = 1.5  # standard deviation, grey levels
     exposure_drift: float = 0.02  # standard deviation, fraction
-    camera_height_m: ClassVar[float] = 1.65  # KITTI's
+    camera_height_m = 1.65  # KITTI's
 
     def __post_init__(self) -> None:
         counts = (self.num_clips, self.num_frames, self.stride, *self.size_px)

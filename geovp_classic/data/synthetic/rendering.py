@@ -138,7 +138,7 @@ class _View:
         """
         rotation = self.world_from_cam[:3, :3]
         eye = self.world_from_cam[:3, 3]
-        rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera)
+        rays = pinhole.unproject(pixels, 1.0, self.camera)
         rays = rays @ rotation.T
         depth, solids, faces = self.caster.cast(eye, rays)
 

@@ -131,15 +131,14 @@ def mip_maps() -> tuple[ByteArray, ...]:
         _painted(np.random.default_rng([20_110_926, number]), **table)
         for number, table in enumerate(TABLES.values())
     ]
-    levels = []
-    size = SIZE
-    while size > 0:
+    levels = [np.array(images)]
+    while levels[-1].shape[1] > 1:
+        size = levels[-1].shape[1] // 2
         smaller = [
             cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
             for image in images
         ]
-        levels.append(np.array(smaller, np.uint8))
-        size //= 2
+        levels.append(np.array(smaller))
     return tuple(levels)
 
 
