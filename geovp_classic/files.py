@@ -19,6 +19,7 @@ import numpy.typing as npt
 from geovp_classic.errors import BadData
 
 MIB = 2**20
+PACKAGED = Path(__file__).with_name("poses")  # coefficients of forecasters
 
 
 @contextlib.contextmanager

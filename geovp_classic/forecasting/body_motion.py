@@ -9,7 +9,6 @@ al. 2012) by `benchmarks/studies/fitting`. The poses are CC BY-NC-SA 3.0 and not
 
 import functools
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +132,7 @@ def over_plane(
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    packaged = resources.files("geovp_classic.poses") / "body_motion.npz"
-    source = path or Path(str(packaged))
+    source = path or files.PACKAGED / "body_motion.npz"
     arrays = files.finite_arrays(source)
     advice = "fit one with `benchmarks/studies fitting`"
     with files.checked(f"{source} holds no body motion", advice):

@@ -85,6 +85,5 @@ class ConstantTurn(_RecentMotion):
     def _future(
         self, recent: FloatArray, duration_s: float, ahead_s: FloatArray
     ) -> FloatArray:
-        steps = se3.inverse(recent[:-1]) @ recent[1:]
-        twist_per_s = se3.log(steps).sum(axis=0) / duration_s
+        twist_per_s = se3.log(se3.steps(recent)).sum(axis=0) / duration_s
         return recent[-1] @ se3.exp(ahead_s * twist_per_s)

@@ -7,13 +7,13 @@ Past poses are measurements of (x, z, yaw); the future is predicted without meas
 import functools
 import tomllib
 from dataclasses import dataclass
-from importlib import resources
 from typing import Literal
 
 import numpy as np
 from filterpy import kalman
 from scipy.linalg import block_diag
 
+from geovp_classic import files
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar
@@ -28,9 +28,8 @@ Belief = tuple[FloatArray, FloatArray]  # state [n] and covariance [n, n]
 @functools.cache
 def fitted(name: Constants) -> VehicleModel:
     """Return the vehicle model of a table of `turn_rate.toml`."""
-    source = resources.files("geovp_classic.poses") / "turn_rate.toml"
-    tables = tomllib.loads(source.read_text("utf-8"))
-    return VehicleModel(**tables[name])
+    text = files.read_text(files.PACKAGED / "turn_rate.toml")
+    return VehicleModel(**tomllib.loads(text)[name])
 
 
 def planar_states(

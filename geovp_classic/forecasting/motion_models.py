@@ -35,16 +35,8 @@ class VehicleModel:
     @property
     def measurement_noise(self) -> FloatArray:
         """Covariance [3, 3] of a measured (x, z, yaw)."""
-        return (
-            np.diag(
-                [
-                    self.position_noise_m,
-                    self.position_noise_m,
-                    self.yaw_noise_rad,
-                ]
-            )
-            ** 2
-        )
+        position_m = self.position_noise_m
+        return np.diag([position_m, position_m, self.yaw_noise_rad]) ** 2
 
     def transition(
         self,

@@ -13,7 +13,6 @@ are CC BY-NC-SA 3.0 and not included.
 
 import functools
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -153,8 +152,7 @@ def path_mixture(
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    packaged = resources.files("geovp_classic.poses") / "motion_prior.npz"
-    source = path or Path(str(packaged))
+    source = path or files.PACKAGED / "motion_prior.npz"
     arrays = files.finite_arrays(source)
 
     def network(name: str, limit: float) -> Network:

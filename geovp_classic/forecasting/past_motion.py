@@ -23,18 +23,14 @@ def in_metres(
     Without metric scale the mean speed is assumed; 9 m/s is about the median of KITTI's training
     sequences.
     """
-    steps = np.diff(past.world_from_cam[:, :3, 3], axis=0)
-    length = np.linalg.norm(steps, axis=-1).sum()
+    length = se3.step_lengths(past.world_from_cam).sum()
     if past.is_metric or length == 0:
         return past, 1.0
-    metres_per_unit = (
-        assumed_speed_m_s * (past.times_s[-1] - past.times_s[0]) / length
-    )
+    duration_s = past.times_s[-1] - past.times_s[0]
+    metres_per_unit = assumed_speed_m_s * duration_s / length
     world_from_cam = past.world_from_cam.copy()
     world_from_cam[:, :3, 3] *= metres_per_unit
-    return Trajectory(
-        world_from_cam, past.times_s, is_metric=True
-    ), metres_per_unit
+    return Trajectory(world_from_cam, past.times_s, True), metres_per_unit
 
 
 def vehicle_from_cam(
@@ -46,7 +42,7 @@ def vehicle_from_cam(
 
     Its pitch is a regression of vertical on forward motion, regularised by `min_path_m`.
     """
-    steps = se3.inverse(past.world_from_cam[:-1]) @ past.world_from_cam[1:]
+    steps = se3.steps(past.world_from_cam)
     _, down, forward = steps[:, :3, 3].sum(axis=0)
     pitch_rad = np.arctan(down * forward / (forward**2 + min_path_m**2))
     max_pitch_rad = np.radians(max_pitch_deg)
@@ -71,6 +67,6 @@ def twists_per_s(
     num_covered = int(np.clip(num_covered, 1, num_steps))
     grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
     poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)
-    twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
+    twists = se3.log(se3.steps(poses)) / step_s
     missing = np.repeat(twists[:1], num_steps - num_covered, axis=0)
     return np.concatenate([missing, twists])

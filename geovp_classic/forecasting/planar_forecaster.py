@@ -1,7 +1,7 @@
 """Base of the forecasters that predict motion on the vehicle's plane."""
 
 import abc
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.body_motion import BodyMotion
@@ -20,7 +20,7 @@ class PlanarForecaster(abc.ABC):
 
     seed: int = 0
     # None: height, pitch and roll over the plane do not change
-    body_motion: BodyMotion | None = field(default_factory=BodyMotion)
+    body_motion: BodyMotion | None = BodyMotion()
 
     @abc.abstractmethod
     def paths(

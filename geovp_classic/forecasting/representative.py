@@ -5,7 +5,7 @@ draws closest to a selected one (greedy k-medoids), so that few futures include 
 as minADE and the best of N reward.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -22,16 +22,13 @@ from geovp_classic.types import FloatArray, Trajectory
 class ImageDistance:
     """Distance of two futures as the angle by which the image content moves, in rad."""
 
-    depth_m: float = (
-        10.0  # of the scene: a metre to the side moves it as much as 1 / 10 rad
-    )
-    ahead_ratio: float = (
-        0.5  # effect of a metre ahead to a metre aside, half-way to the border
-    )
+    # of the scene: a metre to the side moves it as much as 1 / 10 rad
+    depth_m: float = 10.0
+    # effect of a metre ahead to a metre aside, half-way to the border
+    ahead_ratio: float = 0.5
     roll_ratio: float = 0.5  # effect of a roll to a yaw
-    max_distance_rad: float = (
-        0.04  # images further apart have nothing in common
-    )
+    # images further apart have nothing in common
+    max_distance_rad: float = 0.04
     num_steps: int = 10  # future steps that are compared
 
     def motions(
@@ -72,9 +69,9 @@ class Representative:
     They are nested: the first k of N futures are those of k.
     """
 
-    source: Forecaster = field(default_factory=MotionPrior)
+    source: Forecaster = MotionPrior()
     num_draws: int = 200
-    distance: ImageDistance = field(default_factory=ImageDistance)
+    distance: ImageDistance = ImageDistance()
 
     def __post_init__(self) -> None:
         if self.num_draws < 2:

@@ -49,9 +49,8 @@ class PlanarForecast:
     covariances: FloatArray  # [K, F, 3, 3]
     world_from_reference: FloatArray  # [4, 4], the last observed camera
     vehicle_from_cam: FloatArray  # [4, 4]
-    body: BodyForecast | None = (
-        None  # None: height, pitch and roll do not change
-    )
+    # None: height, pitch and roll do not change
+    body: BodyForecast | None = None
     metres_per_unit: float = 1.0  # of the cameras' positions
 
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:

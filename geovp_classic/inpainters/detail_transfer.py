@@ -1,6 +1,6 @@
 """Inpainting with the detail that the last observed frame has at the same pixels."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ class DetailTransfer:
     frame, at `strength` of their contrast.
     """
 
-    colours: Inpainter = field(default_factory=NearestBackground)
+    colours: Inpainter = NearestBackground()
     coarse_fraction: float = 1 / 32  # of the image's width; detail is finer
     strength: float = 0.25
 
@@ -47,8 +47,6 @@ class DetailTransfer:
             coarse = wide_blur(inpainted[step], sigma_px)
             detailed = cv2.add(coarse, detail, dtype=cv2.CV_8U)
             is_covered = covered.astype(np.uint8)
-            return np.asarray(
-                cv2.copyTo(inpainted[step], is_covered, detailed), np.uint8
-            )
+            return cv2.copyTo(inpainted[step], is_covered, detailed)
 
         return np.stack(parallel_map(add_detail, range(len(inpainted))))

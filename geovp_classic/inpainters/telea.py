@@ -31,7 +31,6 @@ class Telea:
     ) -> ByteArray:
         covered_frame = np.where(covered[..., None], frame, np.uint8(0))
         hole = (~covered).astype(np.uint8)
-        return np.asarray(
-            cv2.inpaint(covered_frame, hole, self.radius_px, cv2.INPAINT_TELEA),
-            np.uint8,
+        return cv2.inpaint(
+            covered_frame, hole, self.radius_px, cv2.INPAINT_TELEA
         )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from geovp_classic.geometry import planar
+from geovp_classic.geometry import planar, se3
 from geovp_classic.types import Context, Target
 
 
@@ -23,7 +23,7 @@ def clip_facts(context: Context, target: Target) -> dict[str, float]:
     yaw_rad = np.unwrap(states[:, 2])
     facts = {"yaw_deg": float(np.rad2deg(np.abs(yaw_rad).max()))}
     if path.is_metric:
-        steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        steps_m = se3.step_lengths(poses)
         duration_s = path.times_s[-1] - path.times_s[0]
         facts["speed_m_s"] = float(steps_m.sum() / duration_s)
         facts["step_m"] = float(steps_m.mean())

@@ -8,7 +8,7 @@ float64 per frame [F]. With a mask [F, H, W], only its pixels count; a frame wit
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from skimage.metrics import structural_similarity
@@ -20,8 +20,8 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 class MaskedMetric(ABC):
     """A frame metric that scores several masks for little more than the cost of one."""
 
-    unit: ClassVar[str] = ""
-    higher_is_better: ClassVar[bool] = True
+    unit = ""
+    higher_is_better = True
 
     @property
     def min_size_px(self) -> int:
@@ -84,7 +84,7 @@ class Psnr(MaskedMetric):
     ceiling_db: float = 100.0
     channels: Literal["jointly", "each"] = "jointly"
 
-    unit: ClassVar[str] = "dB"
+    unit = "dB"
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -128,7 +128,7 @@ class Ssim(MaskedMetric):
     # "zero" takes windows around all pixels and black beyond the border.
     border: Literal["valid", "zero"] = "valid"
 
-    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+    bounds = (-1.0, 1.0)
 
     @property
     def min_size_px(self) -> int:

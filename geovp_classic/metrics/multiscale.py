@@ -1,7 +1,6 @@
 """Structural similarity over several scales, the score of the FVS protocol."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -22,15 +21,15 @@ class MsSsim(MaskedMetric):
     """
 
     # of the scales, the finest first (section 3.2)
-    exponents: ClassVar[tuple[float, ...]] = (
+    exponents = (
         0.0448,
         0.2856,
         0.3001,
         0.2363,
         0.1333,
     )
-    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
-    protocol: ClassVar[str] = (
+    bounds = (0.0, 1.0)
+    protocol = (
         "Wang 2003, 5 scales by 2x2 means, Gaussian 11 px, sigma 1.5, valid region, mean over "
         "RGB, negative terms 0"
     )
@@ -78,9 +77,7 @@ def _compare(p: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _blurred(image: FloatArray) -> FloatArray:
     """Return the Gaussian means of the windows of 11 pixels inside the image."""
-    return np.asarray(
-        cv2.GaussianBlur(image, (11, 11), 1.5)[5:-5, 5:-5], np.float64
-    )
+    return cv2.GaussianBlur(image, (11, 11), 1.5)[5:-5, 5:-5]
 
 
 def _halved(image: FloatArray) -> FloatArray:

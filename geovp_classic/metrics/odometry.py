@@ -67,10 +67,8 @@ def kitti_drift(
 ) -> Drift:
     """Return the error of the relative motion over segments of the truth, per metre of segment."""
     _check_lengths(estimate, truth)
-    steps_m = np.linalg.norm(
-        np.diff(truth.world_from_cam[:, :3, 3], axis=0), axis=-1
-    )
-    distance_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    steps_m = se3.step_lengths(truth.world_from_cam)
+    distance_m = np.append(0.0, np.cumsum(steps_m))
     starts = np.arange(0, len(truth), frames_between_starts)
     errors = []
     for length_m in lengths_m:

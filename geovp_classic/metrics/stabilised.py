@@ -1,7 +1,7 @@
 """Frame metrics without the rotation error of the predicted camera."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -26,7 +26,7 @@ class Stabilised:
     & Zisserman 2004, eq. 13.2 with t = 0). Callers rotate predictions with `turned` first.
     """
 
-    metric: FrameMetric = field(default_factory=Psnr)
+    metric: FrameMetric = Psnr()
 
     @property
     def unit(self) -> str:

@@ -22,8 +22,8 @@ class _Error(ABC):
     """A number that is best at 0; errors in metres are NaN unless both trajectories have metres."""
 
     unit: ClassVar[str]
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
+    higher_is_better = False
+    bounds = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return the error at each step [F]."""
@@ -43,7 +43,7 @@ class _Error(ABC):
 class TranslationError(_Error):
     """Distance between predicted and real camera centre; NaN unless both are in metres."""
 
-    unit: ClassVar[str] = "m"
+    unit = "m"
 
     def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return metres per step [F]."""
@@ -54,8 +54,8 @@ class TranslationError(_Error):
 class RotationError(_Error):
     """Angle between predicted and real orientation (geodesic distance on SO(3))."""
 
-    unit: ClassVar[str] = "deg"
-    bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
+    unit = "deg"
+    bounds = (0.0, 180.0)
 
     def errors(self, target_from_predicted: FloatArray) -> FloatArray:
         """Return degrees per step [F], 0 to 180."""
@@ -102,9 +102,9 @@ class FinalDisplacement(TranslationError):
 class ScaleUncertainty:
     """Relative standard deviation of the predictor's metres; 0 for given metres."""
 
-    unit: ClassVar[str] = "%"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
+    unit = "%"
+    higher_is_better = False
+    bounds = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return per cent [F], the same at all steps; NaN without metres."""

@@ -8,7 +8,7 @@ check), and their inverse depths are adjusted together with the poses (Triggs 20
 are the prior, which also fixes the scale.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -39,15 +39,13 @@ from geovp_classic.types import (
 class CornerTracker:
     """Corners of the middle of a reference image, tracked from frame to frame until lost."""
 
-    max_corners: int = (
-        400  # in a square image; proportionally more in wider ones
-    )
+    # in a square image; proportionally more in wider ones
+    max_corners: int = 400
     # Width over height of the middle. Corners farther out make the fit within the square worse.
     max_aspect: float = 1.6
     quality: float = 0.01  # of the best corner, for cv2.goodFeaturesToTrack
-    spacing_fraction: float = (
-        0.025  # least distance of corners, over the image's height
-    )
+    # least distance of corners, over the image's height
+    spacing_fraction: float = 0.025
     window_px: int = 15  # in images of up to `tall_px` rows; proportionally more in taller ones
     tall_px: int = 256
     max_return_px: float = 0.5  # forward-backward error of a track
@@ -105,15 +103,15 @@ class CornerTracker:
         )
         if corners is None:
             return np.zeros((0, 2), np.float32)
-        return np.asarray(corners, np.float32).reshape(-1, 2)
+        return corners.reshape(-1, 2)
 
 
 @dataclass(frozen=True)
 class ImageRegistration:
     """Adjustment of given poses to tracked corners of a reference image."""
 
-    tracker: CornerTracker = field(default_factory=CornerTracker)
-    bundle: BundleAdjustment = field(default_factory=BundleAdjustment)
+    tracker: CornerTracker = CornerTracker()
+    bundle: BundleAdjustment = BundleAdjustment()
     min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
     # Standard deviation of a given rotation, relative to the reference.
     rotation_deviation_rad: float = 1.7e-4
@@ -143,9 +141,7 @@ class ImageRegistration:
         is_used = is_visible[sources].any(axis=0)
         if is_used.sum() < self.min_corners:
             return world_from_cam
-        rays = pinhole.unproject(
-            pixels[reference, is_used], np.ones(is_used.sum()), camera
-        )
+        rays = pinhole.unproject(pixels[reference, is_used], 1.0, camera)
         given = Bundle(
             source_from_reference,
             np.pad(rays, ((0, 0), (0, 1))),
@@ -185,7 +181,7 @@ class Registration:
 
     frames: Stream = "crop"
     num_frames: int = 10
-    registration: ImageRegistration = field(default_factory=ImageRegistration)
+    registration: ImageRegistration = ImageRegistration()
     # Part of the past error of the direction of motion that is expected in the future.
     persistence: float = 0.8
 
@@ -266,4 +262,4 @@ def has_direction(
 ) -> BoolArray:
     """Return which positions [S] are far enough from the origin to show a direction."""
     distance = np.linalg.norm(positions, axis=1)
-    return np.asarray(distance > min_fraction * distance.max(initial=0))
+    return distance > min_fraction * distance.max(initial=0)

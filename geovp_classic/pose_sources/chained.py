@@ -1,8 +1,7 @@
 """Odometry for the past, a forecaster for the future."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
 
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.interfaces import Forecaster, Odometry
@@ -24,8 +23,8 @@ class Chained:
     The defaults need no recorded poses and were selected on `val`.
     """
 
-    odometry: Odometry = field(default_factory=Monocular)
-    forecaster: Forecaster = field(default_factory=MotionPrior)
+    odometry: Odometry = Monocular()
+    forecaster: Forecaster = MotionPrior()
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -45,7 +44,7 @@ class Chained:
 class ContinuedRecording(ABC):
     """Pose source that continues the recorded past with its own `forecast`."""
 
-    needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
+    needs = PrivilegedInput.PAST_POSES
 
     @abstractmethod
     def forecast(

@@ -1,6 +1,6 @@
 """Refined motion: a pose source, and corrections of its poses one after the other."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from geovp_classic.interfaces import PoseRefinement, PoseSource
 from geovp_classic.parallel import single_threaded_blas
@@ -8,18 +8,12 @@ from geovp_classic.pose_refinement.registration import Registration
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
 
-def _default_refinements() -> tuple[PoseRefinement, ...]:
-    return (Registration(),)
-
-
 @dataclass(frozen=True)
 class Refined:
     """A pose source and its refinements."""
 
     source: PoseSource
-    refinements: tuple[PoseRefinement, ...] = field(
-        default_factory=_default_refinements
-    )
+    refinements: tuple[PoseRefinement, ...] = (Registration(),)
 
     @property
     def needs(self) -> PrivilegedInput:

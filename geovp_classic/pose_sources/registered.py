@@ -1,6 +1,6 @@
 """Recorded poses registered to all images, past and future: the best poses that images allow."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ class Registered:
     """
 
     frames: Stream = "crop"
-    registration: ImageRegistration = field(default_factory=ImageRegistration)
+    registration: ImageRegistration = ImageRegistration()
 
     @property
     def needs(self) -> PrivilegedInput:

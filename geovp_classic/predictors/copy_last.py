@@ -1,7 +1,6 @@
 """The last observed frame as prediction."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from geovp_classic.types import Context, Prediction, PrivilegedInput
 class CopyLast:
     """Prediction of the last observed frame."""
 
-    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
+    needs = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Repeat the last frame F times, as one sample."""

@@ -1,6 +1,6 @@
 """The geometric predictor: a pose source and a renderer, which meet only here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,8 +26,8 @@ class GeometricPredictor:
 
     pose_source: PoseSource
     renderer: Renderer
-    observer: Observer = field(default_factory=Observer)
-    hindcast: Hindcast = field(default_factory=Hindcast)
+    observer: Observer = Observer()
+    hindcast: Hindcast = Hindcast()
 
     @property
     def needs(self) -> PrivilegedInput:

@@ -28,9 +28,8 @@ class Hindcast:
     """Comparison of a scene with earlier frames and with copies of the last frame."""
 
     num_frames: int = 3  # evenly spaced among the usable ones before the last
-    scale: float = (
-        0.5  # of the views; a quarter of the pixels takes a quarter of the time
-    )
+    # of the views; a quarter of the pixels takes a quarter of the time
+    scale: float = 0.5
     # Views are not reduced below it: at 64 px, errors of coarse scenes equal those of copies.
     min_width_px: int = 128
     # A scene with a larger one is replaced by the last frame.

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Recorded:
     path: Path
     poses: Path | None = None
     poses_are_metric: bool = True
-    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
+    needs = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
         for folder in filter(None, (self.path, self.poses)):

@@ -1,6 +1,6 @@
 """Depth fusion: `depth` and `rendering` meet here and only here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from geovp_classic.depth.multiview import Multiview
@@ -28,30 +28,22 @@ class DepthFusion:
     to magnified surfaces.
     """
 
-    depth: DepthSource = field(default_factory=Multiview)
-    inpainter: Inpainter = field(default_factory=DetailTransfer)
-    frames: Literal["crop", "full"] = (
-        "crop"  # full: the uncropped ones, with all their detail
-    )
+    depth: DepthSource = Multiview()
+    inpainter: Inpainter = DetailTransfer()
+    # full: the uncropped ones, with all their detail
+    frames: Literal["crop", "full"] = "crop"
     num_frames: int = 10  # the last observed frames are used
     crack_px: int = 3  # gaps up to twice this width between surfaces are closed, not inpainted
-    max_depth_difference: float = (
-        0.1  # relative, of inverse depths of one surface in two frames
-    )
-    patch_model: PatchModel = field(default_factory=PatchModel)
+    # relative, of inverse depths of one surface in two frames
+    max_depth_difference: float = 0.1
+    patch_model: PatchModel = PatchModel()
     # None: magnified surfaces stay blurred.
-    detail: MagnifiedDetail | None = field(default_factory=MagnifiedDetail)
-    exposure_estimator: ExposureEstimator = field(
-        default_factory=ExposureEstimator
-    )
+    detail: MagnifiedDetail | None = MagnifiedDetail()
+    exposure_estimator: ExposureEstimator = ExposureEstimator()
     # None: the exposure stays that of the last frame.
-    exposure: ExposureControl | None = field(default_factory=ExposureControl)
+    exposure: ExposureControl | None = ExposureControl()
 
     def __post_init__(self) -> None:
-        if self.frames not in ("crop", "full"):
-            raise BadData(
-                f"frames is {self.frames!r}, expected 'crop' or 'full'"
-            )
         if self.num_frames < 1:
             raise BadData(
                 f"num_frames is {self.num_frames}, expected 1 or more observed frames"

@@ -1,6 +1,6 @@
 """The last observed frame on its recorded depth, an upper bound for depth from one frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,8 +30,8 @@ from geovp_classic.types import (
 class GivenDepth:
     """Recorded depth of the last frame in a z-buffer; colours are sampled from the frame."""
 
-    inpainter: Inpainter = field(default_factory=DetailTransfer)
-    patch_model: PatchModel = field(default_factory=PatchModel)
+    inpainter: Inpainter = DetailTransfer()
+    patch_model: PatchModel = PatchModel()
     # A pixel that shows two surfaces is uncovered once they are so far apart, or overlap so much.
     min_gap_px: float = 1.0
 

@@ -5,7 +5,7 @@ The road moves by its plane-induced homography, the rest by the infinite homogra
 camera. It holds on open, flat roads; upright objects close by are smeared over the road.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,15 +35,14 @@ class GroundFarPlane:
     horizon.
     """
 
-    inpainter: Inpainter = field(default_factory=DetailTransfer)
+    inpainter: Inpainter = DetailTransfer()
     # How far the camera looks above the ground. None: above the direction of travel, averaged over
     # the past, because a vehicle travels along its road. A pitch known from the mounting is better
     # than one second of noisy heights.
     pitch_deg: float | None = None
     roll_deg: float = 0.0  # clockwise
-    min_path_m: float = (
-        0.1  # a shorter path has no direction of travel: the pitch is 0
-    )
+    # a shorter path has no direction of travel: the pitch is 0
+    min_path_m: float = 0.1
 
     needs = PrivilegedInput.CAMERA_HEIGHT
 

@@ -1,6 +1,6 @@
 """Fusion in a truncated signed distance volume: in its own file, because it alone needs Open3D."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,9 +25,9 @@ class VolumeFusion:
     thousand differs from run to run.
     """
 
-    depth: DepthSource = field(default_factory=Multiview)
-    inpainter: Inpainter = field(default_factory=DetailTransfer)
-    volume: VolumeSettings = field(default_factory=VolumeSettings)
+    depth: DepthSource = Multiview()
+    inpainter: Inpainter = DetailTransfer()
+    volume: VolumeSettings = VolumeSettings()
     num_frames: int = 10  # the last observed frames are used
     # Relative; the last frame shows a surface up to this difference of inverse depths.
     max_depth_difference: float = 0.3

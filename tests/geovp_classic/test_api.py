@@ -108,7 +108,7 @@ class TestEvaluate:
     def test_a_target_of_another_split_is_refused(self, clip: geovp.Clip) -> None:
         context, _ = clip.split(6, geovp.PrivilegedInput.NONE)
         copied = geovp.build("predictors", "copy-last").predict(context)
-        with pytest.raises(BadData, match=r"\(1, 2, 64, 64, 3\), the real ones \(3, 64, 64, 3\)"):
+        with pytest.raises(BadData, match=r"\(2, 64, 64, 3\), expected .* \(3, 64, 64, 3\)"):
             geovp.evaluate(copied, clip.split(5, geovp.PrivilegedInput.NONE)[1])
 
 

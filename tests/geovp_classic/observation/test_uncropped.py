@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.observation import recent, stream
@@ -66,8 +66,6 @@ def test_what_cannot_be_done_is_refused() -> None:
     past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
     with pytest.raises(Incompatible, match="the crop only"):
         recent(with_depths, past, "full", 2)
-    with pytest.raises(BadData, match="frames is 'all'"):
-        DepthFusion(frames="all")  # type: ignore[arg-type]
 
 
 @dataclasses.dataclass(frozen=True)
