@@ -28,10 +28,9 @@ import pytest
 import geovp_classic as geovp
 import studies
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.matrix.components import Failure
+from geovp_benchmarks.matrix import multiple_datasets, schema
 from geovp_benchmarks.plots import video
-from geovp_benchmarks.running import multiple_datasets
+from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.running.task import build_matrix
 from geovp_classic import registry
 

@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.results.store import Part, Results, Scores
+from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,
@@ -117,7 +117,7 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     method |= {"privileged_inputs": []}
     results.write_method("x", method)
     rows = Scores(["a"], {"psnr": np.linspace(20, 30, 6).reshape(1, 1, 6)})
-    results.write_part("x", rows, Part(["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))
+    results.write_scores([(rows, ScoreRecord("x", ["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))])
     stack = np.stack([IMAGE] * 8)
     results.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
@@ -140,7 +140,7 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
 
 def read_scores(results: Results) -> Any:
-    return [*results.scores("x").rows()], [part.seconds for part in results.parts("x")]
+    return [*results.scores("x").rows()], [record.seconds for record in results.score_records("x")]
 
 
 def colmap_model(file: str) -> Write:
@@ -268,7 +268,7 @@ READERS: dict[str, Reader] = {
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
     "clip": result("clips/a..npz", lambda results: results.clip("a")),
     "prediction": result("x/predictions/a.f.npz", lambda results: results.prediction("x", "a")),
-    "part": result("x/scores/part-*.parquet", read_scores),
+    "scores": result("x/scores/part-*.parquet", read_scores),
     "method.json": result("x/method.json", lambda results: results.methods()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),
     "datasets.json": result("datasets.json", lambda results: list(results.by_dataset())),

@@ -4,6 +4,7 @@ cameras.
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
-from geovp_benchmarks.results.store import Method, Part, Results, Scores
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
@@ -99,7 +100,7 @@ def write_row(
     facts: Any = None,
     **record: Any,
 ) -> None:
-    """Store a method that is done, with its rows as one part; facts are those of clips."""
+    """Store a method that is done, with its rows in one file; facts are those of clips."""
     lines = list(lines)
     clips = list(dict.fromkeys(clip for clip, *_ in lines))
     own = {
@@ -109,10 +110,11 @@ def write_row(
         "privileged_inputs": [],
         "num_samples": 1,
     }
-    own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
+    own |= {"components": {}, "fingerprint": "f"}
     results.write_method(name, {**own, **record})
     if lines:
-        results.write_part(name, scores(lines), Part(clips, "f", {}, {}, 0.0, facts=facts or {}))
+        scored = replace(scores(lines), facts=facts or {})
+        results.write_scores([(scored, ScoreRecord(name, clips, "f"))])
 
 
 def write_protocol(

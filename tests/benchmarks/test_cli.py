@@ -121,7 +121,7 @@ class TestScore:
             assert rows(after.root, method) == rows(before.root, method)
             scored = after.method(method)
             assert scored is not None
-            assert scored.peak_is_own is False  # nothing was predicted
+            assert scored.peak_memory_mb == 0  # nothing was predicted
         assert before.root.joinpath("still/method.json").exists()
 
     def test_with_other_metrics_and_the_clips_that_were_kept(

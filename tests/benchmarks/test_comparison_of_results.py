@@ -4,11 +4,13 @@ one.
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Results
 from geovp_classic import files
 from tests.benchmarks.conftest import Says
@@ -115,12 +117,10 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
 ) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     results = Results(b)
-    for part in results.parts("still"):
+    for record in results.score_records("still"):
         rows = results.scores("still")
-        why = {clip: ["failed", "no light", ""] for clip in part.clips[::2]}
-        results.write_part(
-            "still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"})
-        )
+        why = dict.fromkeys(record.clips[::2], Failure("failed", "no light"))
+        results.write_scores([(rows, replace(record, failures=why, code="c0de"))])
     lines = explained(a, b)
     failures = [line for line in lines if line.startswith("failures, scored as copies")]
     assert [line.partition(".")[2] for line in failures] == [

@@ -21,11 +21,12 @@ def rewrite(
     results: Results, method: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]
 ) -> None:
     """Change or drop stored rows."""
-    for part, rows in [(part, dicts(results.scores(method))) for part in results.parts(method)]:
+    rows, records = dicts(results.scores(method)), results.score_records(method)
+    for record in records:
         kept = [
-            new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None
+            new for row in rows if row["clip"] in record.clips and (new := change(row)) is not None
         ]
-        results.write_part(method, scores([*row.values()] for row in kept), part)
+        results.write_scores([(scores([*row.values()] for row in kept), record)])
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import geovp_classic as geovp
+from geovp_benchmarks.matrix import multiple_datasets
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running import multiple_datasets
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Clip
 from tests.benchmarks.conftest import Command, Says

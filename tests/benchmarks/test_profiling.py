@@ -1,13 +1,13 @@
 """Peak memory is that of a stage where the system can tell, and unknown elsewhere."""
 
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
 
 from geovp_benchmarks.running import profiling
 from geovp_benchmarks.running.profiling import Usage
-from geovp_benchmarks.running.task import SharedSteps
 
 LARGE_MB = 300
 on_linux = pytest.mark.skipif(
@@ -35,12 +35,23 @@ def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> 
 
 @on_linux
 def test_a_shared_step_keeps_its_peak() -> None:
-    shared, usages = SharedSteps(), (Usage(), Usage(), Usage())
+    steps: dict[Any, Any] = {}
+    usages = (Usage(), Usage(), Usage())
     for usage in usages[:2]:
-        shared.get(usage, "reconstruct", (), lambda: hold(LARGE_MB))
+        usage.shared(steps, "reconstruct", (), lambda: hold(LARGE_MB))
     for usage in usages:
         with usage.measure("view"):
             hold(1)
     first, second, third = (usage.peak_mb for usage in usages)
     assert first == pytest.approx(second, abs=20)  # made for the first, charged to both
     assert second - third == pytest.approx(LARGE_MB - 1, abs=20)
+
+
+def test_each_method_is_charged_what_it_would_have_cost_alone() -> None:
+    steps: dict[Any, Any] = {}
+    usages, calls = (Usage(), Usage()), []
+    for usage in usages:
+        assert usage.shared(steps, "motion", "source", lambda: calls.append(0) or 7) == 7
+    assert len(calls) == 1
+    assert usages[0].seconds == usages[1].seconds
+    assert usages[0].seconds["motion"] > 0

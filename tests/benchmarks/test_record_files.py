@@ -95,7 +95,6 @@ def test_what_a_run_keeps_is_read(more: dict[str, Any], is_clip: bool, tmp_path:
         {"privileged_inputs": ["PAST_POSES", 1]},
         {"seconds": []},
         {"peak_memory_mb": "much"},
-        {"peak_is_own": 1},
         {"num_clips": "7" * 90},
     ],
 )

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Part, Results, Scores, check_clip_name, write_bytes
+from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.results.store import (
+    Results,
+    ScoreRecord,
+    Scores,
+    check_clip_name,
+    write_bytes,
+)
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_row
@@ -85,9 +92,10 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
 
 def file_of(results: Results, values: Scores, *about: Any) -> Path:
     """Write a score file of method x and return its path."""
-    before = set(results.score_files.parts("x"))
-    results.write_part("x", values, Part(*about))
-    (path,) = results.score_files.parts("x").keys() - before
+    folder = results.root / "x/scores"
+    before = set(folder.glob("*"))
+    results.write_scores([(values, ScoreRecord("x", *about))])
+    (path,) = set(folder.glob("*")) - before
     return path
 
 
@@ -100,7 +108,7 @@ def test_rows_come_back_in_the_order_of_clips_and_undefined_is_null(tmp_path: Pa
     file_of(results, rows_of("b", 3.0, None), ["b"], "f", {}, {"view": 2.0}, 10.0)
     file_of(results, rows_of("a", 1.0), ["a"], "f", {}, {"view": 1.0}, 11.0)
     assert values(results) == [1.0, 3.0]  # a value that is not defined is NaN
-    seconds = {tuple(part.clips): part.seconds for part in results.parts("x")}
+    seconds = {tuple(record.clips): record.seconds for record in results.score_records("x")}
     assert seconds == {("a",): {"view": 1.0}, ("b",): {"view": 2.0}}
 
 
@@ -111,8 +119,13 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
     file_of(results, rows_of("a", 2.0), ["a"], "f", {}, {"view": 1.0}, 1.0)
     for _ in range(2):
         assert values(results) == [2.0, 1.0]
-        assert sum(part.seconds["view"] for part in results.parts("x")) == pytest.approx(2.0)
-        assert sorted(clip for part in results.parts("x") for clip in part.clips) == ["a", "b"]
+        assert sum(
+            record.seconds["view"] for record in results.score_records("x")
+        ) == pytest.approx(2.0)
+        assert sorted(clip for record in results.score_records("x") for clip in record.clips) == [
+            "a",
+            "b",
+        ]
         results.merge("x")
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
     results.write_protocol({"methods": ["x"], "clips": ["c"]})
@@ -137,36 +150,30 @@ def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
     results, reader = begun(tmp_path), Results(tmp_path)
     for clip_name in "ab":
         file_of(results, rows_of(clip_name, 1.0), [clip_name], "f", {}, {}, 0.0)
-    read, merges = reader.score_files.scores, [results.merge]
+    read, merges = reader._score_files.scores, [results.merge]
 
     def scores_after_merge(*parts_and_clips: Any) -> Scores:
         while merges:
             merges.pop()("x")
         return read(*parts_and_clips)
 
-    reader.score_files.scores = scores_after_merge  # type: ignore[method-assign]
+    reader._score_files.scores = scores_after_merge  # type: ignore[method-assign]
     assert values(reader) == [1.0, 1.0]
 
 
 def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path: Path) -> None:
-    about = Part(
-        ["it's"],
-        "f",
-        {"m'": {"a": "'"}},
-        {},
-        0.0,
-        failures={"it's": ["failed", "'\0\n\u00fc", ""]},
-    )
+    failure = Failure("failed", "'\0\n\u00fc")
+    about = ScoreRecord("x", ["it's"], "f", {"m'": {"a": "'"}}, failures={"it's": failure})
     stored = scores(
         ("it's", 0, step, "m'", value) for step, value in enumerate((1.0, None, float("inf")), 1)
     )
     for root in (tmp_path / "a", tmp_path / "a longer name"):
         results = begun(root)
-        results.write_part("x", stored, about)
+        results.write_scores([(stored, about)])
         assert dicts(results.scores("x")) == dicts(stored)
-        assert [(part.clips, part.metrics, part.failures) for part in results.parts("x")] == [
-            (["it's"], {"m'": {"a": "'"}}, {"it's": ["failed", "'\0\n\u00fc", ""]})
-        ]
+        assert [
+            (record.clips, record.metrics, record.failures) for record in results.score_records("x")
+        ] == [(["it's"], {"m'": {"a": "'"}}, {"it's": failure})]
 
 
 def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
@@ -174,10 +181,10 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
-            results.write_part("x", rows(1.0), Part(["a"], "f", {}, {}, 0.0))
+            results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "f"))])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    results.write_part("x", rows(1.0), Part(["a"], "f", {}, {}, 0.0))
+    results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "f"))])
     assert values(results) == [1.0]
 
 
@@ -214,16 +221,16 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
 
 def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
-    results.write_part("x", rows(1.0), Part(["a"], "old", {}, {}, 0.0))
+    results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "old"))])
     results.write_prediction("x", "a", Prediction(clip().frames[None]))
-    begun(tmp_path, "new")
-    assert (results.parts("x"), results.predictions("x")) == ([], [])
-    results.write_part("x", rows(2.0), Part(["a"], "new", {}, {}, 0.0))
-    results.write_part("x", rows(3.0), Part(["a"], "new", {}, {}, 0.0))
+    results = begun(tmp_path, "new")
+    assert (results.score_records("x"), results.predictions("x")) == ([], [])
+    results.write_scores([(rows(2.0), ScoreRecord("x", ["a"], "new"))])
+    results.write_scores([(rows(3.0), ScoreRecord("x", ["a"], "new"))])
     results.merge("x")
     assert values(results) == [3.0]
-    assert [part.clips for part in results.parts("x", "old")] == [["a"]]
-    begun(tmp_path, "old")
+    assert [record.clips for record in results.score_records("x", "old")] == [["a"]]
+    results = begun(tmp_path, "old")
     assert values(results) == [1.0]
     assert [name for name, _ in results.predictions("x")] == ["a"]
     results.write_clip(clip())
@@ -269,22 +276,22 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_part_is_noticed(damage: str, tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(["a"], "f", {}, {}, 0.0))
+    results.write_scores([(rows(*np.linspace(1, 2, 200)), ScoreRecord("x", ["a"], "f"))])
     (path,) = (tmp_path / "x/scores").iterdir()
     content = path.read_bytes()
     path.write_bytes(DAMAGES[damage](content))
     with pytest.raises(BadData, match="is damaged"):
-        results.scores("x")
+        Results(tmp_path).scores("x")
     path.write_bytes(content)
-    assert results.scores("x").values["psnr"].shape == (3, 1, 200)
+    assert Results(tmp_path).scores("x").values["psnr"].shape == (3, 1, 200)
 
 
 def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    failures = {"b": ["failed", "no features", "trace"]}
+    failures = {"b": Failure("failed", "no features", "trace")}
     for index, name in enumerate("ab"):
         facts = {name: {"yaw_deg": float(index)}}
-        part = Part([name], "f", {}, {}, 0.0, failures=failures, facts=facts)
-        results.write_part("x", rows_of(name, 1.0), part)
+        record = ScoreRecord("x", [name], "f", failures=failures)
+        results.write_scores([(dataclasses.replace(rows_of(name, 1.0), facts=facts), record)])
     assert results.failures("x") == {"b": "no features"}
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}

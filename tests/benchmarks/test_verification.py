@@ -3,6 +3,7 @@ the same twice.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +34,13 @@ def verified(command: Command) -> Verified:
 def shift(root: Path, method: str, clip: str, metric: str, by: float) -> None:
     """Change one stored value by hand."""
     results = Results(root)
-    part = next(part for part in results.parts(method) if clip in part.clips)
-    lines = [row for row in dicts(results.scores(method)) if row["clip"] in part.clips]
+    record = next(each for each in results.score_records(method) if clip in each.clips)
+    lines = [row for row in dicts(results.scores(method)) if row["clip"] in record.clips]
     changed = next(
         row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2)
     )
     changed["value"] += by
-    results.write_part(method, scores([*row.values()] for row in lines), part)
+    results.write_scores([(scores([*row.values()] for row in lines), record)])
 
 
 @pytest.mark.usefixtures("toys")
@@ -118,10 +119,8 @@ class TestReproduction:
         results.write_protocol(
             {**results.protocol(), "versions": {**provenance.versions(), "numpy": "1.0"}}
         )
-        (part,) = results.parts("still")
-        results.write_part(
-            "still", results.scores("still"), part.__class__(**{**vars(part), "code": "abc"})
-        )
+        (record,) = results.score_records("still")
+        results.write_scores([(results.scores("still"), replace(record, code="abc"))])
         code, lines = verified(tmp_path)
         assert code == 0
         assert lines[0].startswith("still, road/000: identical; stored by code abc, here it is ")

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from geovp_benchmarks.results.scores import nanmean
 from geovp_classic.types import FloatArray
 
 # (values [N, S, F], higher_is_better) -> values of one sample per clip [N, F]
@@ -29,7 +29,7 @@ class Estimate:
 
 def mean_of_samples(values: FloatArray, higher_is_better: bool | None = None) -> FloatArray:
     """Return the mean over samples [N, F] of values [N, S, F]: the expected score of one sample."""
-    return _nanmean(values, axis=1)
+    return nanmean(values, axis=1)
 
 
 def best_of_samples(values: FloatArray, higher_is_better: bool | None) -> FloatArray:
@@ -45,7 +45,7 @@ def best_of_samples(values: FloatArray, higher_is_better: bool | None) -> FloatA
 def best_by(judge: FloatArray, judge_higher_is_better: bool) -> Reduction:
     """Return the reduction to the sample that is best in the judge's values, for every metric."""
     sign = 1.0 if judge_higher_is_better else -1.0
-    scores = np.nan_to_num(sign * _nanmean(judge, axis=2), nan=-np.inf)
+    scores = np.nan_to_num(sign * nanmean(judge, axis=2), nan=-np.inf)
     best = scores.argmax(axis=1)
     is_known = scores.max(axis=1) > -np.inf
 
@@ -65,7 +65,7 @@ def expected_best(values: FloatArray, higher_is_better: bool) -> FloatArray:
     scores sorted so that the best comes last, the i-th is the best of C(i - 1, k - 1) sets out of
     C(S, k).
     """
-    scores = _nanmean(values, axis=2)
+    scores = nanmean(values, axis=2)
     curves = np.full(scores.shape, np.nan)
     for curve, row in zip(curves, scores, strict=True):
         known = np.sort(row[~np.isnan(row)])
@@ -76,7 +76,7 @@ def expected_best(values: FloatArray, higher_is_better: bool) -> FloatArray:
 
 def over_steps(values: FloatArray) -> FloatArray:
     """Return the mean over steps [N] of values [N, F]; NaN where no step has one."""
-    return _nanmean(values, axis=1)
+    return nanmean(values, axis=1)
 
 
 def over_clips(values: FloatArray) -> Estimate:
@@ -87,7 +87,7 @@ def over_clips(values: FloatArray) -> Estimate:
     count = np.sum(~np.isnan(values), axis=0)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         error = np.nanstd(values, axis=0, ddof=1) / np.sqrt(count)
-    return Estimate(_nanmean(values, axis=0), error, count)
+    return Estimate(nanmean(values, axis=0), error, count)
 
 
 @functools.lru_cache(maxsize=8)
@@ -96,9 +96,3 @@ def _fractions(count: int) -> FloatArray:
     numbers = range(1, count + 1)
     rows = [[math.comb(i - 1, k - 1) / math.comb(count, k) for i in numbers] for k in numbers]
     return np.array(rows).reshape(count, count)
-
-
-def _nanmean(values: npt.NDArray[np.floating], axis: int) -> FloatArray:
-    """Return np.nanmean that answers NaN for an empty slice without a warning."""
-    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.asarray(np.nanmean(values, axis=axis))

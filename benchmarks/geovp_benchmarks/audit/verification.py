@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.matrix.components import Failure
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
-from geovp_benchmarks.results.store import Method, Part, Results, Scores
+from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.task import Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
@@ -26,7 +26,7 @@ class Pair:
 
     results: Results
     method: Method
-    part: Part
+    record: ScoreRecord
     clip: str
 
 
@@ -66,10 +66,10 @@ class Verdict:
 def sample(results: Results, count: int, seed: int) -> list[Pair]:
     """Draw pairs of method and clip without replacement, in the order of the folder."""
     pairs = [
-        Pair(results, method, part, clip)
+        Pair(results, method, record, clip)
         for method in results.methods()
-        for part in results.parts(method.name)
-        for clip in part.clips
+        for record in results.score_records(method.name)
+        for clip in record.clips
     ]
     if not pairs or "rescored_from" in results.protocol():
         raise BadData(
@@ -107,7 +107,7 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         stored = _values(pair.results.scores(pair.method.name), pair.clip)
         differences = _differences(stored, recomputed)
         problems, remarks = [], []
-        for name in pair.part.metrics:
+        for name in pair.record.metrics:
             if reason := built.metrics.about[name]["unavailable"]:
                 problems.append(f"{name} cannot be compared: {reason}")
                 differences = {
@@ -117,8 +117,8 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
                 }
         if differences and _differences(recomputed, _recompute(pair, matrix)):
             remarks.append("not deterministic: two computations here differ as well")
-        if (code := built.code(plan)) != pair.part.code:
-            remarks.append(f"stored by code {pair.part.code}, here it is {code}")
+        if (code := built.code(plan)) != pair.record.code:
+            remarks.append(f"stored by code {pair.record.code}, here it is {code}")
     except GeovpError as problem:
         return Verdict(pair, problems=[f"cannot be computed here: {problem}"])
     return Verdict(pair, differences, problems, remarks)
@@ -143,7 +143,7 @@ def _matrix(results: Results, root: Path | None, pair: Pair | None = None) -> Ma
         for role, spec in pair.method.components.items():
             name = getattr(pair.method, role, pair.method.name)
             fields[f"{role}s"] = {name: spec}
-        for name, spec in pair.part.metrics.items():
+        for name, spec in pair.record.metrics.items():
             fields[f"{protocol['metrics'][name]['role']}_metrics"][name] = spec
     return validated(Matrix, fields, "protocol.json").with_root(root)
 
@@ -153,9 +153,9 @@ def _recompute(pair: Pair, matrix: Matrix) -> Values:
     index = pair.results.protocol()["clips"].index(pair.clip)
     fingerprints = {matrix.methods[0]: pair.method.fingerprint}
     task = Task(matrix.to_json(), pair.results.root, index, pair.clip, fingerprints)
-    [(_, scores, part)] = score_clip(task)
-    if part.failures and pair.clip not in pair.part.failures:
-        raise GeovpError(part.failures[pair.clip][1])
+    [(scores, record)] = score_clip(task)
+    if record.failures and pair.clip not in pair.record.failures:
+        raise GeovpError(record.failures[pair.clip].reason)
     return _values(scores, pair.clip)
 
 

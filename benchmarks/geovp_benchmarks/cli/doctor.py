@@ -54,12 +54,12 @@ def examine_results(root: Path) -> Iterator[str]:
         clips = results.protocol()["clips"]
         for name in results.protocol()["methods"]:
             method = results.method(name)
-            stored = {clip for part in results.parts(name) for clip in part.clips}
+            stored = {clip for record in results.score_records(name) for clip in record.clips}
             missing = [clip for clip in clips if clip not in stored]
             if missing and (method is None or method.status != "skipped"):
                 yield (
                     f"{Path(label, name)}: scores of {len(missing)} of {len(clips)} clips are "
                     f"missing, such as {missing[0]}"
                 )
-            for path in results.damaged_parts(name):
+            for path in results.damaged_scores(name):
                 yield f"{path} is damaged"

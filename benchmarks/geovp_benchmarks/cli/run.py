@@ -42,10 +42,9 @@ def run(args: argparse.Namespace) -> int:
     """Compute all data sets in turn, and write and print their tables."""
     with progress_bar(args.matrix.stem, "predictions"):
         announce("starting")
-        from geovp_benchmarks.matrix import files
+        from geovp_benchmarks.matrix import files, multiple_datasets
         from geovp_benchmarks.results.store import Results
-        from geovp_benchmarks.running import multiple_datasets
-        from geovp_benchmarks.tables import formats
+        from geovp_benchmarks.tables import formats, tables
 
         matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
     root = args.out or Path("results") / args.matrix.stem
@@ -58,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.dry_run:
             codes.append(conclude(results, methods, not args.no_report))
     if len(codes) > 1:
-        table = multiple_datasets.side_by_side(Results(root))
+        table = tables.side_by_side(Results(root))
         formats.write_all(Results(root), [table])
         print(formats.markdown(table, terminal_width()))
     return max(codes, default=0)
@@ -74,7 +73,7 @@ def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[
     options = Options(args.limit, args.keep, args.fresh)
     with progress_bar(matrix.name, "predictions") as progress:
         if args.dry_run:
-            lines = dry_run(matrix, results, options, args.workers.get("workers", 1), progress)
+            lines = dry_run(matrix, results, options, args.workers.get("workers", 1))
             print(*lines, sep="\n")
             return []
         executor = registry.build("executors", args.workers)

@@ -45,15 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.running import multiple_datasets
     from geovp_benchmarks.tables import formats
     from geovp_benchmarks.tables.latex import latex
+    from geovp_benchmarks.tables.tables import side_by_side
 
     results = Results(args.folder).select(*args.methods)
     datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
     if len(datasets) > 1:
-        tables.append(multiple_datasets.side_by_side(results))
+        tables.append(side_by_side(results))
     match args.format:
         case "json":
             text = formats.as_json(tables)

@@ -6,36 +6,17 @@ import functools
 import hashlib
 import importlib
 import sys
-import traceback
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import Spec
+from geovp_benchmarks.results.score_files import Failure
 from geovp_classic import registry
-from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra, UnknownComponent
+from geovp_classic.errors import GeovpError, Incompatible, MissingExtra, UnknownComponent
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import PrivilegedInput
-
-
-@dataclass(frozen=True)
-class Failure:
-    """The reason why a method, component or metric is skipped or failed."""
-
-    status: str  # "skipped" or "failed"
-    reason: str
-    traceback: str = ""
-
-    @classmethod
-    def of(cls, error: Exception) -> Self:
-        """Return "skipped" for incompatible or missing components, "failed" for other errors."""
-        if isinstance(error, (Incompatible, MissingExtra)):
-            return cls("skipped", str(error))
-        trace = "".join(traceback.format_exception(error))
-        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
-        return cls("failed", reason.strip().partition("\n")[0], trace)
 
 
 def build(role: str, name: str, spec: Spec) -> Any:

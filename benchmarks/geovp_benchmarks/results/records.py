@@ -55,27 +55,28 @@ class Method(BaseModel):
     status: str  # "done", "partial", "skipped" or "failed"
     privileged_inputs: list[str]  # names of the members of PrivilegedInput
     num_samples: int  # S, predicted futures
-    num_clips: int  # that have scores
-    seconds: dict[str, float]  # per stage, summed over clips
-    fingerprint: str  # hash of components and protocol: score files with another one are stale
+    fingerprint: str  # hash of components and protocol: scores with another one do not count
     components: dict[str, Any]  # pose_source and renderer, or predictor, with every field
     pose_source: str | None = None  # the matrix file's names; None for a whole predictor
     renderer: str | None = None
     reason: str = ""  # why it was skipped or failed
     traceback: str = ""
-    num_failed: int = 0  # clips scored as copies of the last frame
-    num_outdated: int = 0  # clips whose scores other code than the last run's computed
     code: str = ""  # hash of the sources
-    peak_memory_mb: float = 0.0
-    peak_is_own: bool = False  # of the predictions alone, not of the whole process
     about: list[str] = []  # weights of its networks
     asked: dict[str, Any] = {}  # settings in the matrix file
     protocol: str = ""  # fingerprint of the protocol
     protocol_id: str = ""
 
+    # sums over its scores, which are not stored
+    num_clips: int = 0  # that have scores
+    num_failed: int = 0  # clips scored as copies of the last frame
+    num_outdated: int = 0  # clips whose scores other code than the last run's computed
+    seconds: dict[str, float] = {}  # per stage
+    peak_memory_mb: float = 0.0  # of its predictions; 0: unknown
+
     @property
     def record(self) -> dict[str, Any]:
-        """Return the content of method.json."""
+        """Return the content of method.json, with the sums."""
         return self.model_dump(exclude={"name"})
 
 

@@ -5,129 +5,130 @@ A file has a row per clip, sample, step and metric. Its metadata says how the cl
 
 from __future__ import annotations
 
-import dataclasses
 import errno
 import hashlib
-import itertools
 import json
 import os
 import time
+import traceback
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple, Self
 
 import duckdb
 import numpy as np
-from pydantic import TypeAdapter
-from pydantic.dataclasses import dataclass
+from pydantic import Field, TypeAdapter
 
 from geovp_benchmarks.results.scores import Scores
-from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray
+from geovp_classic.errors import BadData, Incompatible, MissingExtra
+
+
+class Failure(NamedTuple):
+    """The reason why a method, component or metric is skipped or failed."""
+
+    status: str  # "skipped" or "failed"
+    reason: str
+    traceback: str = ""
+
+    @classmethod
+    def of(cls, error: Exception) -> Self:
+        """Return "skipped" for incompatible or missing components, "failed" for other errors."""
+        if isinstance(error, (Incompatible, MissingExtra)):
+            return cls("skipped", str(error))
+        trace = "".join(traceback.format_exception(error))
+        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
+        return cls("failed", reason.strip().partition("\n")[0], trace)
 
 
 @dataclass(frozen=True)
-class Part:
-    """Clips of a method that were scored alike."""
+class ScoreRecord:
+    """How some clips of a method were scored; a score file holds one or more of them."""
 
+    method: str  # the name of its folder
     clips: list[str]
     fingerprint: str  # of the method and the protocol
-    metrics: dict[str, Any]  # the resolved metric behind each column
-    seconds: dict[str, float]  # per stage, summed over the clips
-    # the highest resident memory of the process while it predicted these clips; 0 where unknown
-    peak_memory_mb: float
-    peak_is_own: bool = False  # False: the peak of the whole process so far
+    metrics: dict[str, Any] = field(default_factory=dict)  # resolved, by column
+    seconds: dict[str, float] = field(default_factory=dict)  # per stage, summed over the clips
+    peak_memory_mb: float = 0.0  # the highest during their prediction; 0 where unknown
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
-    failures: dict[str, list[str]] = field(default_factory=dict)  # status, reason, traceback
-    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # numbers of each clip
-    written_ns: int = 0  # set when it is written; the newest scores of a clip count
-    method: str = ""  # the name of its folder
+    failures: dict[str, Failure] = field(default_factory=dict)
+    written_ns: int = 0  # the newest scores of a clip count
+    path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
-    def only(self, clips: Sequence[str]) -> Part:
-        """Return the part of these clips, with their fraction of the times."""
+    def only(self, clips: Sequence[str]) -> ScoreRecord:
+        """Return the record of these clips, with their fraction of the times."""
         ratio = len(clips) / len(self.clips)
-        return dataclasses.replace(
+        return replace(
             self,
             clips=list(clips),
             seconds={stage: seconds * ratio for stage, seconds in self.seconds.items()},
             failures={clip: self.failures[clip] for clip in clips if clip in self.failures},
-            facts={clip: self.facts[clip] for clip in clips if clip in self.facts},
         )
 
 
-Stored = Mapping[Path, Sequence[Part]]  # the parts of each score file
+RECORDS = TypeAdapter(list[ScoreRecord])
 
 
 class ScoreFiles:
-    """The score files of a results folder, opened once and read through one database connection."""
+    """The score files of a results folder; each is checked and opened once."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._opened: dict[Path, tuple[tuple[int, int], list[Part] | None]] = {}
+        self._opened: dict[Path, list[ScoreRecord] | None] = {}  # None: damaged
 
     @cached_property
     def _database(self) -> duckdb.DuckDBPyConnection:
         return duckdb.connect()
 
-    def parts(self, method: str) -> dict[Path, list[Part] | None]:
-        """Return the parts of a method by file; None for a damaged file."""
+    def read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
+        """Return all records of a method, and the damaged files."""
         folders = (self.root / method / "scores", self.root / "scores")
         paths = [path for folder in folders for path in sorted(folder.glob("part-*.parquet"))]
-        self._open(paths)
-        parts = {path: self._opened[path][1] for path in paths}
-        return {
-            path: None if stored is None else [part for part in stored if part.method == method]
-            for path, stored in parts.items()
-        }
+        self._open([path for path in paths if path not in self._opened])
+        records = [
+            record
+            for path in paths
+            for record in self._opened[path] or ()
+            if record.method == method
+        ]
+        return records, [path for path in paths if self._opened[path] is None]
 
-    def means(
-        self, stored: Stored, clips: Sequence[str], num_steps: int | None = None
-    ) -> dict[str, FloatArray]:
-        """Return the means over all or the first steps [N, S] by metric; NaN: not defined."""
-        if not stored:
-            return {}
-        steps = "" if num_steps is None else f"WHERE step <= {num_steps}"
-        columns = self._query(
-            f"SELECT metric, number, sample, avg(value) AS value FROM {{}} {steps} GROUP BY ALL",
-            stored,
-            clips,
-        )
-        values = np.ma.filled(columns["value"], np.nan)
-        names, codes = np.unique(columns["metric"].astype(str), return_inverse=True)
-        num_samples = int(columns["sample"].max(initial=-1)) + 1
-        means = np.full((len(names), len(clips), num_samples), np.nan)
-        means[codes, columns["number"], columns["sample"]] = values
-        return dict(zip(names.tolist(), means, strict=True))
-
-    def scores(self, stored: Stored, clips: Sequence[str]) -> Scores:
+    def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> Scores:
         """Return all scores of these clips; raise BadData for a score that is stored twice."""
-        if not stored:
+        if not records:
             return Scores(clips, {})
-        names = self._query("SELECT DISTINCT metric FROM {}", stored, clips)
-        metrics = sorted(names["metric"].tolist())
-        columns = self._query(
-            "SELECT list_position($metrics, metric) - 1 AS metric, number, sample, step - 1 AS "
-            "step, value FROM {}",
-            stored,
-            clips,
-            metrics=metrics,
+        rows = self._rows(records, clips)
+        query = f"SELECT metric, max(sample) + 1, max(step) FROM {rows} GROUP BY 1 ORDER BY 1"
+        metrics, samples, steps = zip(*self._database.execute(query).fetchall(), strict=True)
+        shape = (len(metrics), len(clips), max(samples), max(steps))
+        query = (
+            "SELECT (((list_position($metrics, metric) - 1) * $clips + number) * $samples + sample)"
+            f" * $steps + step - 1 AS place, coalesce(value, 'nan') AS value FROM {rows}"
         )
-        places = [columns[name] for name in ("metric", "number", "sample", "step")]
-        extents = [int(place.max(initial=-1)) + 1 for place in places[2:]]
-        shape = (len(metrics), len(clips), *extents)
-        if min((place.min(initial=0) for place in places), default=0) < 0:
-            raise BadData(f"{self.root} has scores of a negative sample: run again")
-        indices = np.ravel_multi_index(places, shape) if len(places[0]) else places[0]
-        if len(indices) and np.bincount(indices).max() > 1:
-            raise BadData(f"{next(iter(stored)).parent} has two scores of one frame: run again")
-        values = np.full(shape, np.nan)
-        values.ravel()[indices] = np.ma.filled(columns["value"], np.nan)
+        extents = dict(zip(("clips", "samples", "steps"), shape[1:], strict=True))
+        columns = self._database.execute(query, {"metrics": metrics, **extents}).fetchnumpy()
+        is_stored, values = np.zeros(shape, bool), np.full(shape, np.nan)
+        is_stored.ravel()[columns["place"]] = True
+        if np.count_nonzero(is_stored) < len(columns["place"]):
+            raise BadData(f"{records[0].path.parent} has two scores of one frame: run again")
+        values.ravel()[columns["place"]] = columns["value"]
         return Scores(clips, dict(zip(metrics, values, strict=True)))
 
-    def write(self, method: str, scored: Sequence[tuple[Scores, Part]]) -> None:
+    def facts(self, records: Iterable[ScoreRecord]) -> dict[str, dict[str, float]]:
+        """Return the facts of all clips in the files of some records; see Scores."""
+        paths = {record.path for record in records}
+        stored = [json.loads(text) for _, text in self._metadata(paths)] if paths else []
+        return {
+            clip: facts
+            for records in stored
+            for record in records
+            for clip, facts in record.get("facts", {}).items()
+        }
+
+    def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
         names = ("clip", "sample", "step", "metric", "value")
@@ -142,85 +143,75 @@ class ScoreFiles:
             "metric::VARCHAR AS metric, if(isnan(value), NULL, value) AS value FROM scores"
         )
         now = time.time_ns()
-        parts = [dataclasses.replace(part, method=method, written_ns=now) for _, part in scored]
-        self._copy(query, self.root / method / "scores", parts)
+        facts = {clip: numbers for scores, _ in scored for clip, numbers in scores.facts.items()}
+        self._copy(query, method, [replace(record, written_ns=now) for _, record in scored], facts)
         self._database.unregister("scores")
 
     def merge(self, method: str, fingerprint: str) -> None:
         """Merge the score files of one fingerprint in the folder of a method."""
         folder = self.root / method / "scores"  # a file that methods share stays
-        stored = {
-            path: parts
-            for path, parts in self.parts(method).items()
-            if parts and path.parent == folder and {p.fingerprint for p in parts} == {fingerprint}
-        }
-        if len(stored) < 2:
+        records = [
+            record
+            for record in self.read(method)[0]
+            if record.fingerprint == fingerprint and record.path.parent == folder
+        ]
+        paths = {record.path for record in records}
+        if len(paths) < 2:
             return
-        latest = newest(stored, None)
-        parts = list(itertools.chain(*latest.values()))
-        clips = [clip for part in parts for clip in part.clips]
+        latest = newest(records, {clip for record in records for clip in record.clips})
+        rows = self._rows(latest, [clip for record in latest for clip in record.clips])
         query = (
-            f"SELECT method, clip, sample, step, metric, value FROM {self._wanted(latest, clips)} "
+            f"SELECT method, clip, sample, step, metric, value FROM {rows} "
             "ORDER BY number, metric, sample, step"
         )
-        merged = self._copy(query, folder, parts)
-        for path in stored.keys() - {merged}:  # not one that another run has written since
+        merged = self._copy(query, method, latest, self.facts(latest))
+        for path in paths - {merged}:
             path.unlink(missing_ok=True)
 
     def _open(self, paths: Iterable[Path]) -> None:
-        """Read what is new or has changed: check the hash in the name, then read the metadata."""
-        sound = []
-        for path in paths:
-            status = path.stat()
-            stamp = (status.st_mtime_ns, status.st_size)
-            if path in self._opened and self._opened[path][0] == stamp:
-                continue
-            self._opened[path] = (stamp, None)
-            if path.stem == f"part-{_digest(path)}":
-                sound.append(path)
-        if sound:
-            adapter = TypeAdapter(list[Part])
-            query = f"SELECT file_name, value FROM parquet_kv_metadata({_listed(sound)})"
-            for name, value in self._database.execute(f"{query} WHERE key = 'geovp'").fetchall():
-                parts = adapter.validate_json(value)
-                self._opened[Path(name)] = (self._opened[Path(name)][0], parts)
+        """Compare files with the hashes in their names, and read the records in their metadata."""
+        self._opened |= dict.fromkeys(paths)
+        sound = [path for path in paths if path.stem == f"part-{_digest(path)}"]
+        for name, text in self._metadata(sound) if sound else ():
+            records, path = RECORDS.validate_json(text), Path(name)
+            self._opened[path] = [replace(record, path=path) for record in records]
 
-    def _query(
-        self, query: str, stored: Stored, clips: Sequence[str], **parameters: Any
-    ) -> dict[str, Any]:
-        """Return the columns of a query on the rows of some clips with their `number`."""
-        source = self._wanted(stored, clips)
-        rows = self._database.execute(query.format(source), parameters or None)
-        columns: dict[str, Any] = rows.fetchnumpy()
-        return columns
+    def _metadata(self, paths: Iterable[Path]) -> list[tuple[str, str]]:
+        """Return the names and the records of files, as they are stored."""
+        query = f"SELECT file_name, value FROM parquet_kv_metadata({_listed(paths)})"
+        return self._database.execute(f"{query} WHERE key = 'geovp'").fetchall()
 
-    def _wanted(self, stored: Stored, clips: Sequence[str]) -> str:
-        """Return the relation of the rows of some clips with the `number` of each clip."""
+    def _rows(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> str:
+        """Return the relation of the rows of some clips of a method, with their `number`."""
         numbers = {clip: number for number, clip in enumerate(clips)}
-        columns: dict[str, list[Any]] = {"filename": [], "method": [], "clip": [], "number": []}
-        for path, parts in stored.items():
-            for part in parts:
-                columns["filename"] += [str(path)] * len(part.clips)
-                columns["method"] += [part.method] * len(part.clips)
-                columns["clip"] += part.clips
-                columns["number"] += [numbers[clip] for clip in part.clips]
-        arrays = {name: np.array(column, object) for name, column in columns.items()}
-        self._database.register("entries", arrays)
+        names = [clip for record in records for clip in record.clips]
+        files = np.array([str(record.path) for record in records], object)
+        columns = {
+            "filename": files.repeat([len(record.clips) for record in records]),
+            "clip": np.array(names, object),
+            "number": np.array([numbers[clip] for clip in names]),
+        }
+        self._database.register("entries", columns)
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
-            "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
-            "FROM entries"
+            "clip::VARCHAR AS clip, number FROM entries"
         )
-        return f"{_relation(stored)} JOIN wanted USING (filename, method, clip)"
+        paths = {record.path for record in records}
+        keys = "filename, clip" if len(paths) > 1 else "clip"
+        return (
+            f"read_parquet({_listed(paths)}, filename = true) JOIN wanted USING ({keys}) "
+            f"WHERE method = '{_quoted(records[0].method)}'"
+        )
 
-    def _copy(self, query: str, folder: Path, parts: Iterable[Part]) -> Path:
-        """Write the rows of a query into a new score file with its parts as metadata."""
-        groups: dict[str, list[Part]] = {}
-        for part in parts:
-            alike = [part.method, part.fingerprint, part.metrics, part.code, part.peak_is_own]
-            groups.setdefault(json.dumps(alike, sort_keys=True), []).append(part)
-        records = [dataclasses.asdict(joined(group)) for group in groups.values()]
-        about = json.dumps(records)
+    def _copy(
+        self, query: str, method: str, records: Iterable[ScoreRecord], facts: Mapping[str, Any]
+    ) -> Path:
+        """Write the rows of a query into a new score file with its records as metadata."""
+        stored = RECORDS.dump_python(_joined(records))
+        for record in stored:
+            record["facts"] = {clip: facts[clip] for clip in record["clips"] if clip in facts}
+        about = json.dumps(stored)
+        folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{hashlib.sha256(about.encode()).hexdigest()[:16]}.{os.getpid()}.part"
         try:
@@ -239,42 +230,43 @@ class ScoreFiles:
         return path
 
 
-def newest(stored: Stored, clips: Sequence[str] | None) -> dict[Path, list[Part]]:
-    """Return the newest parts of each clip by file, restricted to some clips."""
-    latest: dict[str, Part] = {}
-    for part in sorted(itertools.chain(*stored.values()), key=lambda part: part.written_ns):
-        latest |= dict.fromkeys(part.clips, part)
-    wanted = latest.keys() if clips is None else set(clips)
-    selected: dict[Path, list[Part]] = {}
-    for path, parts in stored.items():
-        for part in parts:
-            names = [clip for clip in part.clips if latest[clip] is part and clip in wanted]
-            if names:
-                whole = len(names) == len(part.clips)
-                selected.setdefault(path, []).append(part if whole else part.only(names))
+def newest(records: Sequence[ScoreRecord], clips: Collection[str]) -> list[ScoreRecord]:
+    """Return the newest record of each clip, restricted to some clips."""
+    latest: dict[str, ScoreRecord] = {}
+    for record in sorted(records, key=lambda record: record.written_ns):
+        latest |= dict.fromkeys(record.clips, record)
+    wanted, selected = set(clips), []
+    for record in records:
+        names = [clip for clip in record.clips if latest[clip] is record and clip in wanted]
+        if len(names) == len(record.clips):
+            selected.append(record)
+        elif names:
+            selected.append(record.only(names))
     return selected
 
 
-def joined(parts: Sequence[Part]) -> Part:
-    """Return one part for clips that were scored alike."""
-    seconds: Counter[str] = Counter()
-    for part in parts:
-        seconds.update(part.seconds)
-    return dataclasses.replace(
-        parts[0],
-        clips=sorted(clip for part in parts for clip in part.clips),
-        seconds=dict(seconds),
-        peak_memory_mb=max(part.peak_memory_mb for part in parts),
-        peak_is_own=all(part.peak_is_own for part in parts),
-        failures={clip: failure for part in parts for clip, failure in part.failures.items()},
-        facts={clip: facts for part in parts for clip, facts in part.facts.items()},
-        written_ns=max(part.written_ns for part in parts),
-    )
-
-
-def _relation(paths: Iterable[Path]) -> str:
-    """Return the SQL relation of all rows of some files."""
-    return f"read_parquet({_listed(paths)}, filename = true)"
+def _joined(records: Iterable[ScoreRecord]) -> list[ScoreRecord]:
+    """Return one record for all clips that were scored alike."""
+    groups: dict[str, list[ScoreRecord]] = {}
+    for record in records:
+        alike = json.dumps([record.fingerprint, record.metrics, record.code], sort_keys=True)
+        groups.setdefault(alike, []).append(record)
+    joined = []
+    for group in groups.values():
+        seconds: Counter[str] = Counter()
+        for record in group:
+            seconds.update(record.seconds)
+        joined.append(
+            replace(
+                group[0],
+                clips=sorted(clip for record in group for clip in record.clips),
+                seconds=dict(seconds),
+                peak_memory_mb=max(record.peak_memory_mb for record in group),
+                failures={clip: why for record in group for clip, why in record.failures.items()},
+                written_ns=max(record.written_ns for record in group),
+            )
+        )
+    return joined
 
 
 def _listed(paths: Iterable[Path]) -> str:

@@ -1,10 +1,12 @@
 """Scores in memory: an array per metric."""
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from geovp_classic.types import FloatArray
 
@@ -17,6 +19,8 @@ class Scores:
 
     clips: Sequence[str]
     values: Mapping[str, FloatArray]  # by metric, [N, S, F]; NaN: not defined, or not stored
+    # numbers of each clip, independent of predictions; empty in scores that were read
+    facts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
     def of_rows(cls, rows: Sequence[Row]) -> Self:
@@ -36,3 +40,9 @@ class Scores:
             for metric, values in self.values.items():
                 for (sample, step), value in np.ndenumerate(values[number]):
                     yield clip, sample, step + 1, metric, float(value)
+
+
+def nanmean(values: npt.NDArray[np.floating], axis: int) -> FloatArray:
+    """Return np.nanmean that answers NaN for an empty slice without a warning."""
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        return np.asarray(np.nanmean(values, axis=axis))

@@ -16,44 +16,59 @@ earlier settings stay, and count again with these settings.
 
 from __future__ import annotations
 
+import functools
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote, unquote
 
 import duckdb
-from filelock import FileLock, Timeout
 
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import Part, ScoreFiles, newest
-from geovp_benchmarks.results.scores import Scores
+from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest
+from geovp_benchmarks.results.scores import Scores, nanmean
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, FloatArray, Prediction
 
-__all__ = ["NOT_METHODS", "Method", "Part", "Results", "Scores", "check_clip_name"]
+__all__ = ["Method", "Results", "ScoreRecord", "Scores", "check_clip_name"]
 
-NOT_METHODS = ("clips", "scores", "tables", "plots", "recordings")
 T = TypeVar("T")
+
+
+def _remembered(read: Callable[..., T]) -> Callable[..., T]:
+    """Return a method of Results that reads once, until something is written."""
+
+    @functools.wraps(read)
+    def reader(results: Results, *args: Any) -> T:
+        key = (results, read.__name__, *args)
+        if key not in results.memory:
+            results.memory[key] = read(results, *args)
+        value: T = results.memory[key]
+        return value
+
+    return reader
 
 
 @dataclass(frozen=True)
 class Results:
-    """A results folder, read and written."""
+    """A results folder; records and the metadata of scores are read once, until it is written."""
 
     root: Path
     subset: frozenset[str] | None = None  # of the clips, all that is read of them; None: all
     label: str = ""  # of the subset, for people
     selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
+    memory: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # what was read
 
     # Reading
 
+    @_remembered
     def protocol(self) -> dict[str, Any]:
         """Return what all methods share; see records.Protocol."""
         if "" not in (labelled := self.by_dataset()):
@@ -92,46 +107,62 @@ class Results:
         """Return the results of the methods with these labels; of all methods without labels."""
         return replace(self, selected=labels)
 
-    def method(self, name: str) -> Method | None:
-        """Return a method; None if it has not been begun."""
+    @_remembered
+    def _method(self, name: str) -> Method | None:
         path = self.root / name / "method.json"
-        if not path.exists():
-            return None
-        method = records.read_method(path)
-        if self.subset is not None:
-            num_clips = sum(len(part.clips) for part in self.parts(name))
-            counts = {"num_clips": num_clips, "num_failed": len(self.failures(name))}
-            method = method.model_copy(update=counts)
-        return method
+        return records.read_method(path) if path.exists() else None
 
-    @cached_property
-    def score_files(self) -> ScoreFiles:
-        """Return the score files of all methods, opened once."""
-        return ScoreFiles(self.root)
+    @_remembered
+    def method(self, name: str) -> Method | None:
+        """Return a method with the sums over its scores; None if it has not been begun."""
+        method = self._method(name)
+        if method is None:
+            return None
+        scored, seconds = self.score_records(name), Counter[str]()
+        for record in scored:
+            seconds.update(record.seconds)
+        num_clips = sum(len(record.clips) for record in scored)
+        sums: dict[str, Any] = {
+            "num_clips": num_clips,
+            "num_failed": sum(len(record.failures) for record in scored),
+            "num_outdated": sum(len(each.clips) for each in scored if each.code != method.code),
+            "seconds": {stage: round(time_s, 3) for stage, time_s in seconds.items()},
+            "peak_memory_mb": max((record.peak_memory_mb for record in scored), default=0.0),
+        }
+        if method.status == "done" and num_clips < len(self.protocol()["clips"]):
+            sums["status"] = "partial"
+        return method.model_copy(update=sums)
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-        clips = self.protocol()["clips"]
-        return self._reread(lambda: self.score_files.scores(self._sound(method), clips))
+
+        def read() -> Scores:
+            if damaged := self.damaged_scores(method):
+                raise BadData(
+                    f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
+                )
+            return self._score_files.scores(self.score_records(method), self.protocol()["clips"])
+
+        return self._reread(read)
 
     def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
         """Return means over all or the first steps [N, S] by metric, in the protocol's order."""
-        clips = self.protocol()["clips"]
-        return self._reread(lambda: self.score_files.means(self._sound(method), clips, num_steps))
+        values = self.scores(method).values
+        return {name: nanmean(each[..., :num_steps], axis=2) for name, each in values.items()}
 
     def failures(self, method: str) -> dict[str, str]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
         return {
-            clip: reason
-            for part in self.parts(method)
-            for clip, (_, reason, _) in part.failures.items()
+            clip: failure.reason
+            for record in self.score_records(method)
+            for clip, failure in record.failures.items()
         }
 
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """Return numbers that are known of the clips themselves, by clip and name."""
         protocol = self.protocol()
-        parts = [part for name in protocol["methods"] for part in self.parts(name)]
-        facts = {clip: part.facts[clip] for part in parts for clip in part.facts}
+        scored = [each for name in protocol["methods"] for each in self.score_records(name)]
+        facts = self._reread(lambda: self._score_files.facts(scored))
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
 
     def predictions(self, method: str, fingerprint: str = "") -> list[tuple[str, Path]]:
@@ -150,40 +181,30 @@ class Results:
         """Return a kept clip, past and future, without full and right frames."""
         return kept_files.read(self._clip(quoted(name)), Clip)
 
-    def parts(self, method: str, fingerprint: str = "") -> list[Part]:
-        """Return how the clips of a method were scored; without damaged files.
+    @_remembered
+    def score_records(self, method: str, fingerprint: str = "") -> list[ScoreRecord]:
+        """Return how the protocol's clips were scored, without damaged files.
 
         Those of the method as it is now, or of another fingerprint.
         """
-        stored = self._reread(lambda: self._stored(method, fingerprint))
-        return [part for parts in stored.values() for part in parts]
-
-    def damaged_parts(self, method: str) -> list[Path]:
-        """Return the score files that are not as they were written."""
-        stored = self._reread(lambda: self.score_files.parts(method))
-        return [path for path, parts in stored.items() if parts is None]
-
-    def _sound(self, method: str) -> dict[Path, list[Part]]:
-        """Return the parts that count; raise BadData if a file of the method is damaged."""
-        if damaged := self.damaged_parts(method):
-            raise BadData(
-                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
-            )
-        return self._stored(method)
-
-    def _stored(self, method: str, fingerprint: str = "") -> dict[Path, list[Part]]:
-        """Return the newest parts of the protocol's clips by file."""
         fingerprint = fingerprint or self._fingerprint(method)
-        fitting = {
-            path: [part for part in parts or () if part.fingerprint == fingerprint]
-            for path, parts in self.score_files.parts(method).items()
-        }
-        return newest(fitting, self.protocol()["clips"] if self.begun else [])
+        stored, _ = self._reread(lambda: self._score_files.read(method))
+        fitting = [record for record in stored if record.fingerprint == fingerprint]
+        return newest(fitting, self.protocol()["clips"] if self.begun else ())
+
+    def damaged_scores(self, method: str) -> list[Path]:
+        """Return the score files that are not as they were written."""
+        return self._reread(lambda: self._score_files.read(method))[1]
+
+    @property
+    def _score_files(self) -> ScoreFiles:
+        files: ScoreFiles = self.memory.setdefault(self.root, ScoreFiles(self.root))
+        return files
 
     def _fingerprint(self, method: str) -> str:
         """Return the fingerprint of a method as it is now."""
-        stored = self.root / method / "method.json"
-        return records.read_method(stored).fingerprint if stored.exists() else ""
+        stored = self._method(method)
+        return stored.fingerprint if stored else ""
 
     def _prediction(self, method: str, stem: str, fingerprint: str = "") -> Path:
         """Return the file of a prediction of the method as it is now or of a fingerprint."""
@@ -201,6 +222,7 @@ class Results:
         for _ in range(max_tries - 1):
             with suppress(FileNotFoundError, duckdb.IOException):
                 return read()
+            self.memory.clear()
         return read()
 
     @property
@@ -227,30 +249,36 @@ class Results:
     def write_datasets(self, labels: Sequence[str]) -> None:
         """Write the labels of several data sets; of one, remove what was written of several."""
         if any(labels):
-            write_bytes(self.root / "datasets.json", files.json_bytes({"datasets": list(labels)}))
+            self._write("datasets.json", {"datasets": list(labels)})
         else:
             (self.root / "datasets.json").unlink(missing_ok=True)
 
     def write_protocol(self, protocol: Mapping[str, Any]) -> None:
         """Write protocol.json."""
-        write_bytes(self.root / "protocol.json", files.json_bytes(protocol))
+        self._write("protocol.json", protocol)
 
     def write_method(self, name: str, record: Mapping[str, Any]) -> None:
         """Write the method.json of a method."""
-        write_bytes(self.root / name / "method.json", files.json_bytes(record))
+        self._write(f"{name}/method.json", record)
 
-    def write_part(self, method: str, scores: Scores, part: Part) -> None:
-        """Write all scores of the clips of a part."""
-        self.score_files.write(method, [(scores, part)])
+    def _write(self, file: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON file, and forget what was read."""
+        write_bytes(self.root / file, files.json_bytes(content))
+        self.memory.clear()
 
-    def write_parts(self, method: str, scored: Sequence[tuple[Scores, Part]]) -> None:
-        """Write the scores of several parts into one file."""
-        self.score_files.write(method, scored)
+    def write_scores(self, scored: Iterable[tuple[Scores, ScoreRecord]]) -> None:
+        """Write scores of some clips, in one file per method."""
+        by_method: dict[str, list[tuple[Scores, ScoreRecord]]] = {}
+        for scores, record in scored:
+            by_method.setdefault(record.method, []).append((scores, record))
+        for method, of_method in by_method.items():
+            self._score_files.write(method, of_method)
+        self.memory.clear()
 
     def merge(self, method: str) -> None:
         """Merge the score files of a method into one; those of other clips and settings stay."""
-        with suppress(Timeout, NotImplementedError), FileLock(self.root / ".merge.lock", timeout=0):
-            self.score_files.merge(method, self._fingerprint(method))
+        self._score_files.merge(method, self._fingerprint(method))
+        self.memory.clear()
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
@@ -267,27 +295,24 @@ class Results:
     def set_damaged_aside(self, method: str | None) -> list[Path]:
         """Rename damaged score files and predictions of a method, or of None damaged clips."""
         kept = self.clips() if method is None else self.predictions(method)
-        parts = [] if method is None else self.damaged_parts(method)
-        damaged = [*parts, *(path for _, path in kept if not kept_files.is_whole(path))]
+        damaged = [] if method is None else self.damaged_scores(method)
+        damaged += [path for _, path in kept if not kept_files.is_whole(path)]
         for path in damaged:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
 
     def discard(self, method: str) -> None:
         """Remove scores and predictions of a method as it is now; those of other settings stay."""
-        fingerprint = self._fingerprint(method)
-        folder = self.root / method / "scores"
-        paths = [path for _, path in self.predictions(method)]
-        for path, parts in self.score_files.parts(method).items():
-            fingerprints = {part.fingerprint for part in parts or ()}
-            if path.parent == folder and fingerprints == {fingerprint}:
-                paths.append(path)
-        for path in paths:
-            path.unlink(missing_ok=True)
+        paths = {record.path for record in self.score_records(method)}
+        for path in [*paths, *(path for _, path in self.predictions(method))]:
+            if path.parent != self.root / "scores":  # of several methods
+                path.unlink(missing_ok=True)
+        self.memory.clear()
 
     def remove_method(self, method: str) -> None:
         """Remove a method with all its rows and predictions."""
         shutil.rmtree(self.root / method, ignore_errors=True)
+        self.memory.clear()
 
 
 def quoted(clip: str) -> str:

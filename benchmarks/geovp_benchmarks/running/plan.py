@@ -6,9 +6,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix.components import Failure, weights_of
+from geovp_benchmarks.matrix.components import weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
+from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Results, check_clip_name
 from geovp_benchmarks.running.selection import Selection, select
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
@@ -98,7 +99,7 @@ class Plan:
         for component in components.values():
             if isinstance(component, Failure):
                 missing = {"components": {}, "privileged_inputs": [], "fingerprint": "", "code": ""}
-                return {**record, **missing, **asdict(component)}
+                return {**record, **missing, **component._asdict()}
         described = {role: registry.describe(each) for role, each in components.items()}
         needs = needs_of(components.values())
         return {
@@ -120,12 +121,12 @@ class Plan:
         clips = dict(self.results.clips(self.fingerprint))
         kept = clips.keys() & dict(self.results.predictions(name, fingerprint)).keys()
         missing = set(self.clips)
-        for part in self.results.parts(name, fingerprint):
-            is_scored = self.built.metrics.described.items() <= part.metrics.items()
-            if is_scored and (part.code == record["code"] or not self.is_fresh):
-                missing.difference_update(part.clips)
-                failures = part.failures.items() if retry_failed else ()
-                missing |= {clip for clip, (status, *_) in failures if status == "failed"}
+        for scored in self.results.score_records(name, fingerprint):
+            has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
+            if has_metrics and (scored.code == record["code"] or not self.is_fresh):
+                missing.difference_update(scored.clips)
+                failures = scored.failures.items() if retry_failed else ()
+                missing |= {clip for clip, failure in failures if failure.status == "failed"}
         return missing | (set(self.kept.clips) - kept)
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:

@@ -3,24 +3,21 @@
 import ctypes
 import sys
 import time
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class Usage:
     """Time and memory that work took; its stages follow one another."""
 
-    def __init__(self, seconds: Mapping[str, float] | None = None, peak_mb: float = 0.0) -> None:
-        self.seconds: Counter[Any] = Counter(seconds)  # by stage
-        self.peak_mb = peak_mb  # MiB of the whole process, 0 if unknown
-
-    def add(self, other: "Usage") -> None:
-        """Add the time of other work, and take the higher peak."""
-        self.seconds.update(other.seconds)
-        self.peak_mb = max(self.peak_mb, other.peak_mb)
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)  # by stage
+        self.peak_mb = 0.0  # MiB of the whole process, 0 if unknown
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
@@ -30,8 +27,23 @@ class Usage:
         try:
             yield
         finally:
-            work = Usage({stage: time.perf_counter() - start_s}, peak_mb() if is_reset else 0.0)
-            self.add(work)
+            self.seconds[stage] += time.perf_counter() - start_s
+            if is_reset:
+                self.peak_mb = max(self.peak_mb, peak_mb())
+
+    def shared(
+        self, results: dict[Hashable, Any], stage: str, key: Hashable, step: Callable[[], T]
+    ) -> T:
+        """Return the result of a step, computed once per stage and key; charge its full cost."""
+        if (stage, key) not in results:
+            cost = Usage()
+            with cost.measure(stage):
+                result = step()
+            results[stage, key] = result, cost
+        result, cost = results[stage, key]
+        self.seconds[stage] += cost.seconds[stage]
+        self.peak_mb = max(self.peak_mb, cost.peak_mb)
+        return result
 
 
 def reset_peak() -> bool:

@@ -3,9 +3,9 @@
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
-from geovp_benchmarks.results.store import Method, Part, Results
+from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord
 from geovp_benchmarks.running.profiling import Usage
-from geovp_benchmarks.running.run import totals, write
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_benchmarks.running.task import Scored
 from geovp_classic.errors import BadData
@@ -32,15 +32,16 @@ def rescore(
         raise BadData(
             f"{results.root} keeps no predictions: run it again with --keep N or --keep all"
         )
-    protocol |= {
+    rescored = {
+        **protocol,
         "clips": clips,
         "metrics": metrics.about,
         "versions": versions(),
         "fingerprint": content_hash([protocol["fingerprint"], "rescored"]),
         "rescored_from": str(results.root),
     }
-    protocol["id"] = protocol_id(protocol)
-    output.write_protocol(protocol)
+    rescored["id"] = protocol_id(rescored)
+    output.write_protocol(rescored)
     methods = results.methods()
     for method in tracked(methods, len(methods), progress):
         _rescore_method(results, output, method, metrics)
@@ -51,6 +52,10 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     """Copy and score the kept predictions of a method."""
     name, protocol = method.name, output.protocol()
     output.remove_method(name)
+    changed = {"code": "", "protocol_id": protocol["id"]}
+    if method.status == "partial":  # unless clips turn out to lack predictions
+        changed["status"] = "done"
+    output.write_method(name, method.record | changed)
     failures = results.failures(name)
     predicted = {clip for clip, _ in results.predictions(name)}
     scored: list[Scored] = []
@@ -64,15 +69,8 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
         usage = Usage()
         with usage.measure("metrics"):
             scores = score(clip, prediction, metrics)
-        part = Part([clip_name], method.fingerprint, {}, dict(usage.seconds), 0.0)
-        part.facts[clip_name] = dict(clip.facts)
+        record = ScoreRecord(name, [clip_name], method.fingerprint, seconds=dict(usage.seconds))
         if clip_name in failures:
-            part.failures[clip_name] = ["failed", failures[clip_name], ""]
-        scored.append((name, scores, part))
-    status = method.status
-    if status in ("done", "partial"):
-        status = "done" if len(scored) == len(protocol["clips"]) else "partial"
-    record = {**method.record, "status": status, "protocol_id": protocol["id"]}
-    output.write_method(name, record)
-    write(output, scored)
-    output.write_method(name, record | totals(output.parts(name), ""))
+            record.failures[clip_name] = Failure("failed", failures[clip_name])
+        scored.append((scores, record))
+    output.write_scores(scored)

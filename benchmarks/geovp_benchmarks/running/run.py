@@ -2,19 +2,16 @@
 
 import logging
 import time
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent import futures
 from dataclasses import replace
-from typing import Any
 
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, announce
-from geovp_benchmarks.results.store import Method, Part, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.locking import results_lock
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
-from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.selection import rank
 from geovp_benchmarks.running.task import Scored, score_clip
 
@@ -57,12 +54,12 @@ def compute_missing(
                 for scored in results:
                     batch += scored
                     num_done += len(scored)
-                    clip = scored[0][2].clips[0]
+                    clip = scored[0][1].clips[0]
                     announce(f"after {clip}")  # other processes do not announce their steps
                     logger.info("clip %s: done", clip)
                 progress(num_done, num_missing)
                 if time.monotonic() - written_s >= interval_s:
-                    writer.submit(write, plan.results, batch).result()
+                    writer.submit(plan.results.write_scores, batch).result()
                     batch = []
                     written_s = time.monotonic()
         finally:
@@ -87,54 +84,27 @@ def begin(plan: Plan) -> None:
         is_same = stored and all(getattr(stored, key) == record[key] for key in asked)
         if stored and stored.num_clips and is_same and not record["fingerprint"]:
             continue  # computed on a machine that could build it
-        results.write_method(method.name, record | totals([], ""))
-
-
-def write(results: Results, batch: Iterable[Scored]) -> None:
-    """Write scores, in one file per method."""
-    by_method = defaultdict(list)
-    for method, scores, part in batch:
-        by_method[method].append((scores, part))
-    for method, scored in by_method.items():
-        results.write_parts(method, scored)
+        results.write_method(method.name, record)
 
 
 def finish(plan: Plan, batch: Iterable[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
-    write(results, batch)
+    results.write_scores(batch)
     for method, record in plan.records.items():
         if not record["fingerprint"]:
             continue
         results.merge(method.name)
-        parts = results.parts(method.name)
+        scored = results.score_records(method.name)
         is_partial = plan.missing(method, retry_failed=False)
         outcome = {"status": "partial" if is_partial else "done"}
-        failures = [failure for part in parts for failure in part.failures.values()]
+        failures = [failure for each in scored for failure in each.failures.values()]
         if failures:
-            status, reason, traceback = failures[0]
-            outcome["traceback"] = traceback
-            logger.info("%s: %s\n%s", method.label, reason, traceback.rstrip())
-            if len(failures) == sum(len(part.clips) for part in parts):  # nothing was predicted
-                outcome |= {"status": status, "reason": reason}
+            outcome["traceback"] = failures[0].traceback
+            logger.info(
+                "%s: %s\n%s", method.label, failures[0].reason, failures[0].traceback.rstrip()
+            )
+            if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
+                outcome |= failures[0]._asdict()
                 results.discard(method.name)  # so that the next run tries again
-                parts = []
-        results.write_method(method.name, record | outcome | totals(parts, record["code"]))
-
-
-def totals(parts: Sequence[Part], code: str) -> dict[str, Any]:
-    """Return the numbers of clips, the seconds per stage and the peak memory of score files.
-
-    Scores of code with another hash are outdated.
-    """
-    usage = Usage()
-    for part in parts:
-        usage.add(Usage(part.seconds, part.peak_memory_mb))
-    return {
-        "num_clips": sum(len(part.clips) for part in parts),
-        "num_failed": sum(len(part.failures) for part in parts),
-        "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
-        "seconds": {stage: round(time_s, 3) for stage, time_s in usage.seconds.items()},
-        "peak_memory_mb": usage.peak_mb,
-        "peak_is_own": usage.peak_mb > 0,
-    }
+        results.write_method(method.name, record | outcome)

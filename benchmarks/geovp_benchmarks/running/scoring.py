@@ -8,8 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from geovp_benchmarks.matrix.components import Failure, build
+from geovp_benchmarks.matrix.components import build
 from geovp_benchmarks.matrix.values import Specs
+from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
 from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.results.stored_facts import stored_bounds
@@ -167,7 +168,8 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
         for name, values in _values(clip, prediction, sample, metrics):
             samples.setdefault(name, []).append(values)
     stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
-    return Scores([clip.clip.name], stacked)
+    name = clip.clip.name
+    return Scores([name], stacked, {name: clip.facts})
 
 
 def _values(

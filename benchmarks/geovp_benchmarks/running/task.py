@@ -1,18 +1,18 @@
 """Task of a run: predict a clip with several methods, and score the predictions."""
 
-import dataclasses
 import functools
 import operator
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix.components import Failure, build, code_hash, on_device
+from geovp_benchmarks.matrix.components import build, code_hash, on_device
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.progress import announce
-from geovp_benchmarks.results.store import Part, Results, Scores
+from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
@@ -21,7 +21,7 @@ from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
 
-Scored = tuple[str, Scores, Part]  # and the name of the method
+Scored = tuple[Scores, ScoreRecord]
 
 
 @dataclass(frozen=True)
@@ -78,23 +78,6 @@ def needs_of(components: Iterable[Any]) -> PrivilegedInput:
     return functools.reduce(operator.or_, needs, PrivilegedInput.NONE)
 
 
-class SharedSteps:
-    """Steps on one clip that several methods share; each method is charged their full cost."""
-
-    def __init__(self) -> None:
-        self.results: dict[Hashable, tuple[Any, Usage]] = {}
-
-    def get(self, usage: Usage, stage: str, key: Hashable, step: Callable[[], Any]) -> Any:
-        """Return the result of a step, which is computed once per stage and key."""
-        if (stage, key) not in self.results:
-            cost = Usage()
-            with cost.measure(stage):
-                self.results[stage, key] = step(), cost
-        result, cost = self.results[stage, key]
-        usage.add(cost)
-        return result
-
-
 @dataclass(frozen=True)
 class Task:
     """Clip and the methods that lack it, as data for any process."""
@@ -116,7 +99,7 @@ def score_clip(task: Task) -> list[Scored]:
     clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
     if task.is_kept:
         results.write_clip(clip.clip)
-    shared = SharedSteps()
+    shared: dict[Hashable, Any] = {}  # steps that several methods have in common
     scored = []
     for method, fingerprint in task.fingerprints.items():
         announce(f"{task.clip}, {method.label}")
@@ -129,25 +112,23 @@ def score_clip(task: Task) -> list[Scored]:
             with scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
-            failures[task.clip] = list(dataclasses.astuple(Failure.of(error)))
+            failures[task.clip] = Failure.of(error)
             prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
             with suppress(Exception), scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.write_prediction(method.name, task.clip, prediction)
-        usage.add(Usage(scoring.seconds))
-        part = Part(
+        record = ScoreRecord(
+            method=method.name,
             clips=[task.clip],
             fingerprint=fingerprint,
             metrics=built.metrics.described,
-            seconds=dict(usage.seconds),
+            seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            peak_is_own=usage.peak_mb > 0,
             code=built.code(method),
             failures=failures,
-            facts={task.clip: dict(clip.facts)},
         )
-        scored.append((method.name, scores, part))
+        scored.append((scores, record))
         announce(f"{task.clip}, {method.label}", done=1)
     return scored
 
@@ -157,7 +138,7 @@ def _predict(
     method: MethodPlan,
     context: Context,
     clip: ScoredClip,
-    shared: SharedSteps,
+    shared: dict[Hashable, Any],
     usage: Usage,
 ) -> Prediction:
     """Return the prediction of a method, from steps that other methods may have computed."""
@@ -167,12 +148,14 @@ def _predict(
             prediction: Prediction = components["predictor"].predict(context, num_samples)
         return prediction
     predictor = GeometricPredictor(**components)
-    observed = shared.get(usage, "observe", (), lambda: predictor.observer.observe(clip.truth[0]))
+    observed = usage.shared(
+        shared, "observe", (), lambda: predictor.observer.observe(clip.truth[0])
+    )
     key: Hashable = method.pose_source, num_samples
-    motion = shared.get(usage, "motion", key, lambda: predictor.estimate(observed, num_samples))
+    motion = usage.shared(shared, "motion", key, lambda: predictor.estimate(observed, num_samples))
     past = motion.past
     poses = past.world_from_cam.tobytes(), past.times_s.tobytes(), past.is_metric
     key = method.renderer, poses
-    scene = shared.get(usage, "reconstruct", key, lambda: predictor.reconstruct(observed, past))
+    scene = usage.shared(shared, "reconstruct", key, lambda: predictor.reconstruct(observed, past))
     with usage.measure("view"):
         return show(scene, motion, context)

@@ -43,15 +43,15 @@ def _protocol(results: Results) -> dict[str, Any]:
 
 def _facts(results: Results, method: Method) -> dict[str, Any]:
     """Return what is stored about a method and decides its scores."""
-    parts = results.parts(method.name)
+    scored = results.score_records(method.name)
     return {
         "status": method.status,
         "samples": method.num_samples,
         "privileged inputs": method.privileged_inputs,
         "components": method.components,
         "weights": method.about,
-        "code": sorted({part.code for part in parts}),
-        "metrics": {name: spec for part in parts for name, spec in part.metrics.items()},
+        "code": sorted({record.code for record in scored}),
+        "metrics": {name: spec for record in scored for name, spec in record.metrics.items()},
         "failures, scored as copies of the last frame": results.failures(method.name),
     }
 

@@ -2,13 +2,14 @@
 the report.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Part, Results, Scores
+from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores
 
@@ -74,13 +75,6 @@ def record(name: str) -> dict[str, Any]:
         "num_samples": samples,
         "privileged_inputs": ["PAST_POSES"] if source == "gt" else [],
     }
-    ran = status in ("done", "partial")
-    facts |= {
-        "num_clips": {"done": 3, "partial": 2}.get(status, 0),
-        "peak_memory_mb": 321.0 if ran else 0.0,
-    }
-    facts["peak_is_own"] = status != "partial"
-    facts["seconds"] = {"motion": 1.25, "metrics": 2.5} if ran else {}
     if status == "skipped":
         facts["reason"] = "the poses are not in metres: give the odometry a scale"
     if status == "failed":
@@ -152,7 +146,9 @@ def fill(root: Path) -> Path:
     for name, (_, _, status, _, _, _) in METHODS.items():
         results.write_method(name, record(name))
         if status in ("done", "partial"):
-            results.write_part(name, rows(name), Part([*CLIPS], "f", {}, {}, 1.0))
+            scored = rows(name)
+            about = ScoreRecord(name, [*scored.clips], "f", {}, {"motion": 1.25, "metrics": 2.5})
+            results.write_scores([(scored, replace(about, peak_memory_mb=321.0))])
             keep(results, name)
     return root
 
