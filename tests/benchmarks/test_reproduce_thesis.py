@@ -29,7 +29,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_kitti(
             folder,
             sequence,
-            Synthetic(seed=seed, num_clips=1, num_frames=30, size_px=(160, 160))[0],
+            Synthetic(seed=seed, num_clips=1, num_frames=30, size_px=(64, 64))[0],
         )
     return folder
 

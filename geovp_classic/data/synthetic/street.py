@@ -3,6 +3,7 @@
 The objects are described in street.toml.
 """
 
+import functools
 import itertools
 import tomllib
 from collections.abc import Sequence
@@ -47,6 +48,7 @@ class Street:
         return joined(solids)
 
 
+@functools.lru_cache(maxsize=8)
 def build_street(seed: int, manoeuvre: str) -> Street:
     """Return the street for a manoeuvre, furnished for 230 m."""
     rng = np.random.default_rng([seed, list(MANOEUVRES).index(manoeuvre)])
@@ -133,9 +135,9 @@ def _furniture(
             from_drive_m = np.abs(drive - places[0]).min()
             gaps_m = np.abs(occupied[:, 0] - places[0]) - occupied[:, 1].real
             if (
-                roads.distance_m(places).min() < from_kerb_m - 0.3
-                or not distances_m[0] < from_drive_m < distances_m[1]
+                not distances_m[0] < from_drive_m < distances_m[1]
                 or (gaps_m < radius_m).any()
+                or roads.distance_m(places).min() < from_kerb_m - 0.3
             ):
                 continue
             occupied = np.vstack([occupied, [places[0], radius_m]])

@@ -312,7 +312,7 @@ def test_the_camera_keeps_its_height_and_the_mount_its_angles() -> None:
 
 @pytest.mark.parametrize("manoeuvre", ["winding", "right-turn"])
 def test_streets_are_furnished_and_the_road_is_free(manoeuvre: str) -> None:
-    world, again = build_street(1, manoeuvre), build_street(1, manoeuvre)
+    world, again = build_street(1, manoeuvre), build_street.__wrapped__(1, manoeuvre)
     for values, same in zip(world.static, again.static, strict=True):
         np.testing.assert_array_equal(values, same)
     shown = np.bincount(world.static.textures.ravel(), minlength=len(Texture))
