@@ -40,7 +40,8 @@ def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[...
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     """The exit code and the results of one clip."""
     out = tmp_path_factory.mktemp("out")
-    with pytest.MonkeyPatch.context() as patch:  # what is in figures is tested elsewhere
+    with pytest.MonkeyPatch.context() as patch:  # what is in figures and LPIPS are tested elsewhere
+        patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
         code = cli.main(
             ["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"]

@@ -45,6 +45,7 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
     with (
         pytest.MonkeyPatch.context() as patch
     ):  # their names and places are tested here, what is in them elsewhere
+        patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)  # published networks take long
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
         return cli.main(words(root, out, "--limit", "2", "--methods", *ROWS)), Results(out)
 
