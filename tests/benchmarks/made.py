@@ -17,7 +17,7 @@ from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
-from geovp_classic.types import ByteArray, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
 STILL = {"still": {"name": "toy-still"}}
@@ -90,7 +90,15 @@ def values(root: Path, method: str, metric: str) -> list[float]:
 
 def scores(rows: Iterable[Sequence[Any]]) -> Scores:
     """Return the scores in rows (clip, sample, step, metric, value)."""
-    return Scores.of_rows([(*row[:4], np.nan if row[4] is None else row[4]) for row in rows])
+    rows = list(rows)
+    clips = list(dict.fromkeys(clip for clip, *_ in rows))
+    num_samples = max((row[1] for row in rows), default=-1) + 1
+    num_steps = max((row[2] for row in rows), default=0)
+    values: dict[str, FloatArray] = {}
+    for clip, sample, step, metric, value in rows:
+        empty = np.full((len(clips), num_samples, num_steps), np.nan)
+        values.setdefault(metric, empty)[clips.index(clip), sample, step - 1] = value
+    return Scores(clips, values)
 
 
 def write_row(

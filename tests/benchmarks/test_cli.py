@@ -103,7 +103,7 @@ class TestRun:
             )
         )
         results = Results(tmp_path / "out")
-        assert [clip for clip, _ in results.predictions("still")] == ["road/000", "road/001"]
+        assert results.predictions("still") == ["road/000", "road/001"]
         assert {method.num_clips for method in results.methods()} == {2}
         assert results.protocol()["dataset"]["root"] == "/elsewhere"
 

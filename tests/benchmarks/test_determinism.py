@@ -74,7 +74,7 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
     assert [row[:4] for row in scores] == [row[:4] for row in expected]
     values = ([row[4] for row in rows] for rows in (scores, expected))
     np.testing.assert_allclose(*values, rtol=1e-6, atol=1e-6)
-    clips = [clip for clip, _ in serial.predictions(METHOD)]
+    clips = serial.predictions(METHOD)
     assert len(clips) == 2
     for clip in clips:
         one, two = (results.prediction(METHOD, clip) for results in (serial, other))

@@ -56,7 +56,7 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     kept = clip(trajectory=trajectory(5), depths=depths, moving=moving, camera_height_m=1.65)
     results = Results(tmp_path)
     results.write_clip(kept)
-    assert [name for name, _ in results.clips()] == [NAME]
+    assert results.clips() == [NAME]
     back = results.clip(NAME)
     np.testing.assert_array_equal(back.frames, kept.frames)
     np.testing.assert_array_equal(back.depths, depths)
@@ -78,7 +78,7 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     results = Results(tmp_path)
     results.write_prediction("x", NAME, Prediction(frames, covered, motion))
     results.write_prediction("y", NAME, Prediction(frames))
-    assert [name for name, _ in results.predictions("x")] == [NAME]
+    assert results.predictions("x") == [NAME]
     back = results.prediction("x", NAME)
     np.testing.assert_array_equal(back.frames, frames)
     assert back.motion is not None
@@ -232,13 +232,13 @@ def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path
     assert [record.clips for record in results.score_records("x", "old")] == [["a"]]
     results = begun(tmp_path, "old")
     assert values(results) == [1.0]
-    assert [name for name, _ in results.predictions("x")] == ["a"]
+    assert results.predictions("x") == ["a"]
     results.write_clip(clip())
     protocol = dict(results.protocol())
     results.write_protocol({**protocol, "fingerprint": "other"})
     assert results.clips() == []
     results.write_protocol(protocol)
-    assert [name for name, _ in results.clips()] == [NAME]
+    assert results.clips() == [NAME]
 
 
 def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -> None:
@@ -247,11 +247,12 @@ def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -
     results.write_prediction("x", "good", Prediction(clip().frames[None]))
     results.write_prediction("x", "bad", Prediction(clip().frames[None]))
     (results.root / "x/predictions/.scratch.npz").write_bytes(b"")
-    bad, kept = dict(results.predictions("x"))["bad"], results.clips()[0][1]
+    bad = tmp_path / "x/predictions/bad.f.npz"
+    (kept,) = (tmp_path / "clips").iterdir()
     for path in (bad, kept):
         path.write_bytes(path.read_bytes()[:-30])
     assert results.set_damaged_aside("x") == [bad]
-    assert [name for name, _ in results.predictions("x")] == ["good"]
+    assert results.predictions("x") == ["good"]
     assert results.set_damaged_aside(None) == [kept]
     assert (results.clips(), results.set_damaged_aside(None)) == ([], [])
 

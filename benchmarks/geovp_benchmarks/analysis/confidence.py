@@ -9,7 +9,6 @@ import numpy as np
 
 from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import higher_is_better
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray
@@ -51,8 +50,8 @@ def rankings(results: Results, metric: str) -> list[Ranking]:
     """
     abouts = results.protocol()["metrics"]
     about = abouts.get(metric.partition("@")[0])
-    known = [name for name, one in abouts.items() if higher_is_better(name, one) is not None]
-    if about is None or higher_is_better(metric, about) is None:
+    known = [name for name, one in abouts.items() if one.get("higher_is_better") is not None]
+    if about is None or about.get("higher_is_better") is None:
         raise BadData(f"{results.root} cannot be ranked by {metric!r}{nearest(metric, known)}")
     return list(_rankings(results, metric, 1.0 if about["higher_is_better"] else -1.0))
 

@@ -125,7 +125,7 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     for method in shown:
         renderer = "" if is_of_poses else method.renderer or ""
         methods.setdefault((method.pose_source or method.label, renderer), method)
-    bounds = stored_facts.bounds(metric, facts)
+    bounds = stored_facts.bounds(facts)
     reference: FloatArray | float = 0.0
     if material.reference:
         values, bounds = material.values(material.reference, metric), UNBOUNDED

@@ -74,13 +74,13 @@ class Material:
     ) -> Iterator[tuple[Method, Prediction]]:
         """Yield the kept predictions of a clip with their methods."""
         for method in methods:
-            if clip in dict(self.results.predictions(method.name)):
+            if clip in self.results.predictions(method.name):
                 yield method, self.results.prediction(method.name, clip)
 
     @property
     def clips(self) -> list[str]:
         """Return the kept clips of the protocol."""
-        return [name for name, _ in self.results.clips() if name in self.protocol["clips"]]
+        return [name for name in self.results.clips() if name in self.protocol["clips"]]
 
     @cached_property
     def step_s(self) -> float | None:

@@ -20,7 +20,7 @@ def write(results: Results, name: str) -> Path:
         paths["truth"] = clip.trajectory.world_from_cam[None]
         world_from_last = clip.trajectory.world_from_cam[last]
     for method in results.methods():
-        if name not in dict(results.predictions(method.name)):
+        if name not in results.predictions(method.name):
             continue
         prediction = results.prediction(method.name, name)
         images[f"predicted/{method.label}"] = prediction.frames[0]

@@ -1,4 +1,4 @@
-"""Where a row's numbers come from: the id of its protocol, and what its networks' weights are."""
+"""Where numbers come from: the id of a protocol, weights of networks, and versions."""
 
 import contextlib
 import hashlib
@@ -39,22 +39,6 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     }
     shared = {key: protocol.get(key) for key in SHARED}
     return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
-
-
-def method_id(method: Method, protocol: Mapping[str, Any]) -> str:
-    """Return the protocol id that a method was computed under; without results, the folder's."""
-    return method.protocol_id or str(protocol["id"])
-
-
-def id_notes(methods: Iterable[Method], protocol: Mapping[str, Any]) -> list[str]:
-    """Return the protocol's id, and the methods that were computed under another one."""
-    shared = protocol["id"]
-    other = [
-        f"{method.label} {own}"
-        for method in methods
-        if (own := method_id(method, protocol)) != shared
-    ]
-    return [f"Protocol id {shared}" + (f", but of {', '.join(other)}" if other else "") + "."]
 
 
 def weights_notes(methods: Iterable[Method]) -> list[str]:

@@ -63,9 +63,7 @@ class Method(BaseModel):
     traceback: str = ""
     code: str = ""  # hash of the sources
     about: list[str] = []  # weights of its networks
-    asked: dict[str, Any] = {}  # settings in the matrix file
-    protocol: str = ""  # fingerprint of the protocol
-    protocol_id: str = ""
+    asked: dict[str, Any] = {}  # settings in the matrix file, and the protocol's fingerprint
 
     # sums over its scores, which are not stored
     num_clips: int = 0  # that have scores

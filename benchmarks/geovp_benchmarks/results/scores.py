@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,18 +20,6 @@ class Scores:
     values: Mapping[str, FloatArray]  # by metric, [N, S, F]; NaN: not defined, or not stored
     # numbers of each clip, independent of predictions; empty in scores that were read
     facts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @classmethod
-    def of_rows(cls, rows: Sequence[Row]) -> Self:
-        """Return the scores in rows."""
-        clips = list(dict.fromkeys(clip for clip, *_ in rows))
-        num_samples = max((sample for _, sample, *_ in rows), default=-1) + 1
-        num_steps = max((step for _, _, step, *_ in rows), default=0)
-        values: dict[str, FloatArray] = {}
-        for clip, sample, step, metric, value in rows:
-            empty = np.full((len(clips), num_samples, num_steps), np.nan)
-            values.setdefault(metric, empty)[clips.index(clip), sample, step - 1] = value
-        return cls(clips, values)
 
     def rows(self) -> Iterator[Row]:
         """Yield all values by clip, metric, sample and step."""

@@ -165,17 +165,17 @@ class Results:
         facts = self._reread(lambda: self._score_files.facts(scored))
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
 
-    def predictions(self, method: str, fingerprint: str = "") -> list[tuple[str, Path]]:
-        """Return (clip name, file) of the kept predictions of a method."""
-        return _named(self._prediction(method, "*", fingerprint))
+    def predictions(self, method: str, fingerprint: str = "") -> list[str]:
+        """Return the names of the clips whose predictions by a method are kept."""
+        return _names(self._prediction(method, "*", fingerprint))
 
     def prediction(self, method: str, clip: str) -> Prediction:
         """Return a kept prediction."""
         return kept_files.read(self._prediction(method, quoted(clip)), Prediction)
 
-    def clips(self, fingerprint: str = "") -> list[tuple[str, Path]]:
-        """Return (clip name, file) of the kept clips."""
-        return _named(self._clip("*", fingerprint))
+    def clips(self, fingerprint: str = "") -> list[str]:
+        """Return the names of the kept clips."""
+        return _names(self._clip("*", fingerprint))
 
     def clip(self, name: str) -> Clip:
         """Return a kept clip, past and future, without full and right frames."""
@@ -288,23 +288,23 @@ class Results:
         """Keep a clip, so that images and new scores need no data set."""
         kept_files.write(self._clip(quoted(clip.name)), clip)
 
-    def size_bytes(self, method: str, folder: str) -> int:
-        """Return the size of a method's folder `scores` or `predictions`."""
-        return sum(path.stat().st_size for path in (self.root / method / folder).glob("*"))
-
     def set_damaged_aside(self, method: str | None) -> list[Path]:
         """Rename damaged score files and predictions of a method, or of None damaged clips."""
-        kept = self.clips() if method is None else self.predictions(method)
-        damaged = [] if method is None else self.damaged_scores(method)
-        damaged += [path for _, path in kept if not kept_files.is_whole(path)]
+        if method is None:
+            damaged, kept = [], [self._clip(quoted(name)) for name in self.clips()]
+        else:
+            damaged = self.damaged_scores(method)
+            kept = [self._prediction(method, quoted(name)) for name in self.predictions(method)]
+        damaged += [path for path in kept if not kept_files.is_whole(path)]
         for path in damaged:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
 
     def discard(self, method: str) -> None:
         """Remove scores and predictions of a method as it is now; those of other settings stay."""
+        folder = self._prediction(method, "*")
         paths = {record.path for record in self.score_records(method)}
-        for path in [*paths, *(path for _, path in self.predictions(method))]:
+        for path in paths.union(folder.parent.glob(folder.name)):
             if path.parent != self.root / "scores":  # of several methods
                 path.unlink(missing_ok=True)
         self.memory.clear()
@@ -331,12 +331,8 @@ def check_clip_name(clip: str) -> None:
         )
 
 
-def _named(pattern: Path) -> list[tuple[str, Path]]:
-    """Return (clip name, file) of the files that match a pattern."""
-    paths = sorted(pattern.parent.glob(pattern.name))
+def _names(pattern: Path) -> list[str]:
+    """Return the names of the clips whose files match a pattern such as "*.npz"."""
     end = pattern.name.removeprefix("*")
-    return [
-        (unquote(path.name.removesuffix(end)), path)
-        for path in paths
-        if not path.name.startswith(".")
-    ]
+    files = sorted(path.name for path in pattern.parent.glob(pattern.name))
+    return [unquote(name.removesuffix(end)) for name in files if not name.startswith(".")]

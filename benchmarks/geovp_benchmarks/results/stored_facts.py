@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.score_names import Bounds
 from geovp_benchmarks.results.store import Method
 
 MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
@@ -33,25 +33,10 @@ def title(metric: str) -> str:
     return f"{words}, {pixels} pixels" if pixels else words
 
 
-def higher_is_better(metric: str, about: Mapping[str, Any]) -> bool | None:
-    """Return None where neither direction is better, as for coverage and confidence."""
-    return about.get("higher_is_better")
-
-
-def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:
-    """Return the lowest and highest value that the metric can have."""
+def bounds(about: Mapping[str, Any]) -> Bounds:
+    """Return the lowest and highest value that a metric can have."""
     low, high = about.get("bounds") or (None, None)
-    return (
-        UNBOUNDED[0] if low is None else float(low),
-        UNBOUNDED[1] if high is None else float(high),
-    )
-
-
-def stored_bounds(metric: Any) -> list[float | None]:
-    """Return the bounds that a metric declares; None where there is none, as in JSON."""
-    return [
-        float(end) if math.isfinite(end) else None for end in getattr(metric, "bounds", UNBOUNDED)
-    ]
+    return (-math.inf if low is None else low, math.inf if high is None else high)
 
 
 def data_name(protocol: Mapping[str, Any]) -> str:

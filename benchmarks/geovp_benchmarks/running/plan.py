@@ -92,9 +92,11 @@ class Plan:
             "pose_source": method.pose_source,
             "renderer": method.renderer,
             "num_samples": method.num_samples,
-            "asked": {role: specs[key] for role, key in method.components.items()},
-            "protocol": self.fingerprint,
-            "protocol_id": self.protocol["id"],
+            "asked": {
+                **{role: specs[key] for role, key in method.components.items()},
+                "num_samples": method.num_samples,
+                "protocol": self.fingerprint,
+            },
         }
         for component in components.values():
             if isinstance(component, Failure):
@@ -118,8 +120,8 @@ class Plan:
         if not record["fingerprint"]:
             return set()
         name, fingerprint = method.name, record["fingerprint"]
-        clips = dict(self.results.clips(self.fingerprint))
-        kept = clips.keys() & dict(self.results.predictions(name, fingerprint)).keys()
+        kept = set(self.results.clips(self.fingerprint))
+        kept &= set(self.results.predictions(name, fingerprint))
         missing = set(self.clips)
         for scored in self.results.score_records(name, fingerprint):
             has_metrics = self.built.metrics.described.items() <= scored.metrics.items()

@@ -26,7 +26,7 @@ def rescore(
 ) -> list[Method]:
     """Write a results folder of the kept clips alone; raise BadData if there are none."""
     protocol = results.protocol()
-    stored = {clip for clip, _ in results.clips()}
+    stored = set(results.clips())
     clips = [clip for clip in protocol["clips"] if clip in stored]
     if not clips:
         raise BadData(
@@ -52,12 +52,10 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     """Copy and score the kept predictions of a method."""
     name, protocol = method.name, output.protocol()
     output.remove_method(name)
-    changed = {"code": "", "protocol_id": protocol["id"]}
-    if method.status == "partial":  # unless clips turn out to lack predictions
-        changed["status"] = "done"
-    output.write_method(name, method.record | changed)
+    status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
+    output.write_method(name, method.record | {"code": "", "status": status})
     failures = results.failures(name)
-    predicted = {clip for clip, _ in results.predictions(name)}
+    predicted = set(results.predictions(name))
     scored: list[Scored] = []
     for clip_name in protocol["clips"]:
         if clip_name not in predicted:

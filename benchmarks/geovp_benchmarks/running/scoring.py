@@ -1,6 +1,7 @@
 """Metrics of a matrix, and the scores of one prediction."""
 
 import hashlib
+import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,9 +12,8 @@ import numpy as np
 from geovp_benchmarks.matrix.components import build
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.results.score_files import Failure
-from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE
+from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Scores
-from geovp_benchmarks.results.stored_facts import stored_bounds
 from geovp_benchmarks.running.profiling import release_free_memory
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -92,11 +92,12 @@ def _meaning(metric: Any) -> dict[str, Any]:
     """Return unit, direction, definition, bounds and device of a metric."""
     if isinstance(metric, Failure):
         return {}
+    metric_bounds = getattr(metric, "bounds", UNBOUNDED)
     meaning = {
         "unit": metric.unit,
         "higher_is_better": metric.higher_is_better,
         "definition": getattr(metric, "protocol", ""),  # which of the usual definitions it follows
-        "bounds": stored_bounds(metric),
+        "bounds": [end if math.isfinite(end) else None for end in metric_bounds],
     }
     if hasattr(metric, "device"):  # of a network; None is the CPU
         meaning["device"] = metric.device or "cpu"

@@ -7,7 +7,6 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.provenance import method_id
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.tables.table_model import MethodScores, Score
 from geovp_classic.types import FloatArray
@@ -36,7 +35,7 @@ def method_scores(
         scores = {}
         for name, (key, values) in columns.items():
             facts = facts_of(key, protocol)
-            direction, bounds = facts.get("higher_is_better"), stored_facts.bounds(key, facts)
+            direction, bounds = facts.get("higher_is_better"), stored_facts.bounds(facts)
             reduced = {name: reduce(values[..., None], direction)[:, 0]}
             if reduce is statistics.best_of_samples and name == key and direction is not None:
                 reduced |= _expected_best(values, key, direction)
@@ -50,7 +49,7 @@ def method_scores(
                 stored_facts.marks(method),
                 method.num_clips - int(failed.sum()),
                 reduce is not statistics.mean_of_samples,
-                method_id(method, protocol),
+                protocol["id"],
             )
         )
     return lines

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.results import provenance
+from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import higher_is_better, legend, summary, title
+from geovp_benchmarks.results.stored_facts import legend, summary, title
 from geovp_benchmarks.tables.scores import facts_of, method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
@@ -148,7 +148,7 @@ def table_of(
     columns = []
     for key, words in headings.items():
         facts = facts_of(key, protocol)
-        direction = higher_is_better(key, facts)
+        direction = facts.get("higher_is_better")
         unit = f" ({facts['unit']})" if facts.get("unit") else ""
         arrow = {None: "", True: " ↑", False: " ↓"}[direction]
         means = [abs(method.scores[key].mean) for method in methods if key in method.scores]
@@ -209,4 +209,4 @@ def method_notes(results: Results, strict: bool) -> list[str]:
             notes.append(f"{method.label}: {count}, {treatment}: {names}: {reasons}.")
         if method.num_outdated:
             notes.append(f"{method.label}: computed by another version of the code, or partly.")
-    return [*notes, *provenance.weights_notes(methods), *provenance.id_notes(methods, protocol)]
+    return [*notes, *weights_notes(methods), f"Protocol id {protocol['id']}."]
