@@ -35,7 +35,16 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def words(root: Path, out: Path, *more: str) -> list[str]:
-    form = ["--root", str(root), "--split", "thesis-like-test", "--samples", "2", "--out", str(out)]
+    form = [
+        "--root",
+        str(root),
+        "--set",
+        "protocol.dataset.split=thesis-like-test",
+        "--samples",
+        "2",
+        "--out",
+        str(out),
+    ]
     return ["reproduce", "thesis", *form, *more]
 
 

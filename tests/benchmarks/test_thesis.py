@@ -7,6 +7,7 @@ import pytest
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, published
+from geovp_benchmarks.tables.latex import latex
 from tests.benchmarks.made import write_protocol, write_row
 
 # label: (samples, PSNR of the first sample)
@@ -96,14 +97,8 @@ def test_published_numbers_stand_apart_with_their_source(results: Results) -> No
     assert MARKDOWN in theirs
     assert "Table 4.1 of the thesis" in theirs
     assert "13.504" not in ours
-    tex = formats.latex(published.build(results, "thesis")[1])
+    tex = latex(published.build(results, "thesis")[1])
     assert r"SRVP - 100 Samples & - & \textbf{13.504} $\pm$ 0.070 & \textbf{0.433} $\pm$" in tex
-
-
-def test_figures_of_the_thesis_name_ours() -> None:
-    lines = list(published.figures("thesis", ["horizon-psnr.png", "strip-00-a.png"]))
-    assert "figure 4.5 (PSNR over time): horizon-psnr.png" in lines
-    assert "figure 4.6 (SSIM over time): nothing to draw it from" in lines
 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])

@@ -34,18 +34,14 @@ def run(args: argparse.Namespace) -> int:
     with duckdb.connect() as database, atomic_write(args.out) as scratch:
         types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
         database.execute(f"CREATE TABLE scores ({types})")
-        columns = "$1, clip, sample, step + 1, $2, if(isnan(value), NULL, value)"
         for method in results.methods():
             if method.status not in ("done", "partial"):  # its scores are those of a copy
                 continue
-            scores = results.scores(method.name)
-            for metric, values in scores.values.items():
-                indices = (index.ravel() for index in np.indices(values.shape))
-                rows = dict(zip(("clip", "sample", "step"), indices, strict=True))
-                rows["clip"] = np.array(scores.clips, object)[rows["clip"]]
-                database.register("rows", {**rows, "value": values.ravel()})
-                query = f"INSERT INTO scores SELECT {columns} FROM rows"
-                database.execute(query, [method.label, metric])
+            rows = results.scores(method.name).rows()
+            columns = map(np.array, zip(*((method.label, *row) for row in rows), strict=True))
+            database.register("rows", dict(enumerate(columns)))
+            database.execute("INSERT INTO scores SELECT * FROM rows")
+        database.execute("UPDATE scores SET value = NULL WHERE isnan(value)")
         try:
             getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
         except duckdb.IOException as error:

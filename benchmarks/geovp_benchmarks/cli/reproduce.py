@@ -17,8 +17,7 @@ from geovp_benchmarks.progress import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the protocol, and what of it is computed."""
     add(parser, "name", "NAME", "Protocol, such as fvs20; see `geovp list protocols`.")
-    group = add_group(parser, "protocol", "--root", "--limit", "--methods")
-    add(group, "--split", "NAME", "Split of the data set. Default: that of the protocol.")
+    group = add_group(parser, "protocol", "--root", "--limit", "--methods", "--set")
     text = "Largest number of sampled futures. Default: that of the protocol."
     add(group, "--samples", "N", text)
     add_group(parser, "execution", "--workers", "--device")
@@ -36,19 +35,15 @@ def run(args: argparse.Namespace) -> int:
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats, published, tables
 
-    matrix = reproduction.read_matrix(args.name).with_root(args.root).with_device(args.device)
-    matrix = reproduction.chosen_rows(matrix, args.split, args.samples, args.methods)
+    matrix = reproduction.read_matrix(args.name, args.set, args.samples, args.methods)
+    matrix = matrix.with_root(args.root).with_device(args.device)
     results = Results(args.out or Path("results") / args.name)
     methods = compute(args, matrix, results)
     paper_tables = published.build(results, args.name)
     formats.write_all(results, [*tables.build(results), *paper_tables])
     print(*map(formats.markdown, paper_tables), sep="\n")
     with progress_bar("plots", "figures") as progress:
-        figures = [
-            path.name
-            for _, files in plots.write_all(results, plots.Options(), progress)
-            for path in files
-        ]
-    print(*published.figures(args.name, figures), sep="\n")
+        for _ in plots.write_all(results, plots.Options(), progress):
+            pass
     print(f"tables: {results.tables}\nplots:  {results.plots}")
     return exit_code(methods)

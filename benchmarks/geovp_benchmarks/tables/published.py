@@ -4,11 +4,10 @@ Files of the folder `published` declare the published rows, and the methods that
 paper's protocol declares metrics and horizons.
 """
 
-import fnmatch
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,13 +59,6 @@ def load(name: str) -> Mapping[str, Any]:
     if name not in names:
         raise BadData(f"no published table is called {name!r}: give one of {', '.join(names)}")
     return tomllib.loads((folder / f"{name}.toml").read_text("utf-8"))
-
-
-def figures(name: str, drawn: Sequence[str]) -> Iterator[str]:
-    """Yield each figure of a paper with the files, among those drawn, that show the same."""
-    for number, (words, pattern) in load(name).get("figures", {}).items():
-        files = ", ".join(sorted(fnmatch.filter(drawn, pattern)))
-        yield f"figure {number} ({words}): {files or 'nothing to draw it from'}"
 
 
 def _measured(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -123,8 +122,6 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
     assert rows["all six in 90% @20"][0] == "-"  # hold has no distribution
     assert 0 <= float(rows["all six in 90% @20"][1]) <= 1
     assert not [name for name in rows if "turning" in name]  # 2 s of 0.1 rad/s are 11.5 degrees
-    words = ("forecast", "evaluate", folder, "--sequences", "03", "--json", *names)
-    assert json.loads(printed(*words))["forecasters"]["hold"]["ADE m"] == pytest.approx(ade_m)
 
 
 def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
