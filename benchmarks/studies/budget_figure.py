@@ -3,18 +3,16 @@
 import argparse
 from collections.abc import Iterator
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from geovp_benchmarks.arguments import figure_file
 from geovp_benchmarks.cli.options import add, add_shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.types import PrivilegedInput
+from studies._figures import panels
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,11 +28,9 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     tables = error_budget(method, progress)
     stages = [row.label for row in tables[0].methods]
     places = np.arange(len(stages))
-    with mpl.style.context(style.SHEET):
-        size_in = 3 * len(tables), 1 + 0.3 * len(stages)
-        figure = Figure(figsize=size_in, dpi=300, layout="constrained")
-        panels = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
-        for axes, table in zip(panels, tables, strict=True):
+    size_in = 3 * len(tables), 1 + 0.3 * len(stages)
+    with panels(args.figure, size_in, len(tables), sharex=False) as drawn:
+        for axes, table in zip(drawn, tables, strict=True):
             axes.axvline(0, color="0.5", linewidth=0.8)
             axes.set_xlabel(f"change of {table.name.upper()}")
             for number, column in enumerate(table.columns):
@@ -44,9 +40,6 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
                 axes.errorbar(
                     mean, places + 0.25 * number, xerr=abs(ends - mean), fmt="o", label=column.key
                 )
-        panels[0].set_yticks(places, stages)
-        panels[0].invert_yaxis()
-        handles = panels[0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside upper center", ncols=len(handles[0]))
-        figure.savefig(args.figure)
+        drawn[0].set_yticks(places, stages)
+        drawn[0].invert_yaxis()
     yield from map(markdown, tables)

@@ -9,7 +9,6 @@ motion prior is used as it is. Windows that a car cannot have driven are left ou
 import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import comb
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +24,7 @@ from geovp_classic.forecasting.body_motion import over_plane
 from geovp_classic.forecasting.constant import ConstantTurn
 from geovp_classic.forecasting.motion_network import MIRRORED_TWIST, past_features
 from geovp_classic.forecasting.motion_prior import MotionPrior
-from geovp_classic.geometry import planar, se3
+from geovp_classic.geometry import planar
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import FloatArray, Trajectory
 from studies.fitting.windows import STEP_S, drivable_steps
@@ -53,18 +52,14 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     is_tested = np.isin(windows.sequences, args.sequences)
     names = windows.sequences[is_tested]
     truth = windows.truth[is_tested]
-    noise = windows.noise[is_tested]
     heads = [str(step) for step in study.horizons]
     yield f"{len(truth)} windows of {', '.join(args.sequences)}"
     yield ""
-    lines = [["root mean square deviation (noise of the poses, % of its variance)", *heads]]
+    lines = [["root mean square deviation", *heads]]
     for number, component in enumerate(COMPONENTS):
         unit, factor = ("cm", 100.0) if number < 3 else ("deg", float(np.degrees(1.0)))
-        mean_square = np.maximum((truth[..., number] ** 2).mean(axis=0), 1e-30)
-        noise_percent = 100 * (noise[..., number] ** 2).mean(axis=0) / mean_square
-        sizes = zip(factor * np.sqrt(mean_square), noise_percent, strict=True)
-        texts = [f"{size:.3g} ({percent:.1f})" for size, percent in sizes]
-        lines.append([f"{component} ({unit})", *texts])
+        sizes = factor * np.sqrt((truth[..., number] ** 2).mean(axis=0))
+        lines.append([f"{component} ({unit})", *(f"{size:.3g}" for size in sizes)])
     yield from grid(lines)
     predictions = {
         name: ridge.held_out(windows, args.sequences)[is_tested]
@@ -91,7 +86,6 @@ class Windows:
     twists: FloatArray  # [N, P, 6], per second
     truth: FloatArray  # [N, H, 6]
     prior: FloatArray  # [N, H, 6], forecast of the shipped motion prior
-    noise: FloatArray  # [N, H, 6], change of the truth with another draw of the poses' noise
 
 
 @dataclass(frozen=True)
@@ -150,16 +144,13 @@ class Predictability:
         """Return all windows that a car can have driven; raise BadData if there is none."""
         names = []
         rows = []
-        for seed, (name, recorded) in tracked(
-            enumerate(sequences.items()), len(sequences), progress
-        ):
+        for name, recorded in tracked(sequences.items(), len(sequences), progress):
             is_drivable = drivable_steps(recorded)
-            noisy = add_noise(recorded, pose_noise(recorded), seed)
             for last in range(self.num_steps + 1, len(recorded) - self.horizons[-1], stride):
                 first = last - self.num_steps - 1
                 if is_drivable[first : last + self.horizons[-1]].all():
                     names.append(name)
-                    rows.append(self._window(recorded, noisy, first, last))
+                    rows.append(self._window(recorded, first, last))
         if not rows:
             raise BadData(
                 f"no window of 5 s that a car can have driven in {', '.join(sequences)}: give "
@@ -167,9 +158,7 @@ class Predictability:
             )
         return Windows(np.array(names), *map(np.stack, zip(*rows, strict=True)))
 
-    def _window(
-        self, recorded: Trajectory, noisy: FloatArray, first: int, last: int
-    ) -> tuple[FloatArray, ...]:
+    def _window(self, recorded: Trajectory, first: int, last: int) -> tuple[FloatArray, ...]:
         """Return the fields of Windows but for the name, without the axis of the windows."""
         past = recorded[first : last + 1]
         observed = past[-self.num_observed :]
@@ -178,9 +167,7 @@ class Predictability:
         base = planar_states(ConstantTurn().forecast(past, times_s)[0], observed)
         truth = deviations(recorded.world_from_cam[future], observed, base)
         prior = deviations(MotionPrior().forecast(observed, times_s)[0], observed, base)
-        redrawn = past.world_from_cam[-1] @ se3.inverse(noisy[last]) @ noisy[future]
-        noise = deviations(redrawn, observed, base) - truth
-        return past_motion.twists_per_s(past, STEP_S, self.num_steps), truth, prior, noise
+        return past_motion.twists_per_s(past, STEP_S, self.num_steps), truth, prior
 
 
 def planar_states(world_from_cam: FloatArray, observed: Trajectory) -> FloatArray:
@@ -200,26 +187,6 @@ def deviations(
     body = over_plane(world_from_cam, observed)
     yaw = (yaw + np.pi) % (2 * np.pi) - np.pi
     return np.column_stack([sin * x + cos * z, cos * x - sin * z, body, yaw])
-
-
-def pose_noise(recorded: Trajectory, order: int = 6) -> FloatArray:
-    """Estimate the standard deviations [6] (metres, radians) of white noise of the poses.
-
-    A motion slower than 2 Hz leaves less than a tenth of itself in sixth differences, and white
-    noise sqrt(12! / 6!^2) times its deviation. Noise that lasts for several frames is not included.
-    """
-    poses = recorded.world_from_cam
-    interval_s = np.diff(recorded.times_s)
-    steps = se3.log(se3.inverse(poses[:-1]) @ poses[1:])
-    steps *= (interval_s.mean() / interval_s)[:, None]
-    differences = np.abs(np.diff(steps, order - 1, axis=0))
-    return np.asarray(np.median(differences, axis=0) / 0.6745 / np.sqrt(comb(2 * order, order)))
-
-
-def add_noise(recorded: Trajectory, deviation: FloatArray, seed: int) -> FloatArray:
-    """Return the poses [T, 4, 4] with independent noise."""
-    noise = np.random.default_rng(seed).standard_normal((len(recorded), 6))
-    return recorded.world_from_cam @ se3.exp(noise * deviation)
 
 
 def explained_fraction(

@@ -8,15 +8,12 @@ diagonal, regions are too small.
 import argparse
 from collections.abc import Iterator
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-
 from geovp_benchmarks.arguments import figure_file
 from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.evaluation import forecasting
-from geovp_benchmarks.plots import style
 from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
+from studies._figures import panels
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,17 +34,13 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         )
         for name in ("acceleration-kalman", "motion-prior")
     }
-    with mpl.style.context(style.SHEET):
-        figure = Figure(figsize=(8.5, 2.1), dpi=300, layout="constrained")
-        panels = figure.subplots(1, 5, sharey=True)
-        names = ("x, z, yaw", "height", "pitch", "roll", "all six")
-        for axes, title in zip(panels, names, strict=True):
+    names = ("x, z, yaw", "height", "pitch", "roll", "all six")
+    with panels(args.figure, (8.5, 2.1), len(names)) as drawn:
+        for axes, title in zip(drawn, names, strict=True):
             axes.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
             axes.set(title=title, xlabel="probability", aspect="equal")
             for (name, each), dash in zip(scores.items(), ("-", "--"), strict=True):
                 inside = [each[f"{title} in {region:.0%}"].mean() for region in probabilities]
                 axes.plot(probabilities, inside, dash, label=name)
-        panels[0].set_ylabel("fraction of true states inside")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-        figure.savefig(args.figure)
+        drawn[0].set_ylabel("fraction of true states inside")
     yield f"{len(windows)} windows of {', '.join(test)}: {args.figure}"

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import report
 from geovp_benchmarks.analysis import confidence
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
-from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores, values
 
 METRIC = "toy-difference"
@@ -80,12 +78,3 @@ def test_values_that_are_not_there_or_do_not_vary_are_left_out() -> None:
     one, other = np.array([1.0, 2, 3, 4, np.nan]), np.array([2.0, 1, 4, 3, 9])
     assert confidence.spearman(one, other) == pytest.approx(0.6)  # 1 - 6 * 4 / (4 * 15)
     assert np.isnan(confidence.spearman(np.ones(5), other))
-
-
-def test_the_study_prints_it_and_the_report_has_it(results: Results, printed: Says) -> None:
-    head, line, *_ = printed("study", "confidence", results.root, "--metric", METRIC).splitlines()
-    assert head.split("  ")[0] == "method"
-    assert line.split() == ["a", "+", "r", "5", "1.00", "1.00", "-"]
-    metric, (ranking, *_) = report.confidences(results)
-    assert metric == "toy difference"
-    assert ranking.texts() == ("a + r", "5", "1.00", "1.00", "-")

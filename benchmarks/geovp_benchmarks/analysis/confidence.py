@@ -13,14 +13,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray
 
-HEAD = ("method", "clips", "confidence", "step alone", "among clips at a step")
-NOTE = (
-    "1: frames of higher confidence have the better {}, always; 0: no relation. Step alone: how "
-    "an earlier step ranks. "
-    "Confidence: 1 less the hindcast's squared error ratio, times the fractions of covered "
-    "pixels and of tracked frames; no probability."
-)
-
 
 @dataclass(frozen=True)
 class Ranking:
@@ -35,7 +27,7 @@ class Ranking:
     among_clips: float  # confidence, over clips and samples at one step, averaged over steps
 
     def texts(self) -> tuple[str, ...]:
-        """Return the texts under HEAD."""
+        """Return the cells of a table."""
         numbers = (self.by_confidence, self.by_step, self.among_clips)
         return (
             self.label,

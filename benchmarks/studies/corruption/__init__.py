@@ -36,7 +36,7 @@ from geovp_classic.types import (
     Target,
 )
 from studies.ablation import NUM_PAST, SCORED_STEPS, STRETCHES, datasets
-from studies.corruption.figure import corruption_figure
+from studies.corruption.figure import draw_corruptions
 from studies.corruption.kinds import CORRUPTIONS, Corruption
 
 Methods = Mapping[str, GeometricPredictor]
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     ]
     yield from grid([["corruption, severity", *compared], *lines])
     if args.plot is not None:
-        corruption_figure(gains, list(compared)).savefig(args.plot)
+        draw_corruptions(args.plot, gains, list(compared))
 
 
 def methods() -> dict[str, GeometricPredictor]:

@@ -11,7 +11,6 @@ from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, PrivilegedInput
 from studies.ablation import NUM_PAST
 from studies.corruption import corrupted, gains_db
-from studies.corruption.figure import corruption_figure
 from studies.corruption.kinds import CORRUPTIONS
 from tests.benchmarks.conftest import Says, write_kitti
 
@@ -59,20 +58,6 @@ def test_a_black_frame_costs_fusion_little(clip: Clip) -> None:
         gains_db(clip, CORRUPTIONS[name], 0, METHODS) for name in ("black frames", "none")
     )
     assert black > clean - 0.5
-
-
-def test_curves_have_a_panel_per_corruption_and_a_line_per_method() -> None:
-    gains = {
-        "none": [np.array([9.0, 6.0])],
-        "hood": [np.array(pair) for pair in ([8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0])],
-    }
-    figure = corruption_figure(gains, ["true crop", "vo crop"])
-    shown = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_title() for axes in shown] == ["none", "hood"]
-    clean, hood = (axes.get_lines()[1:] for axes in shown)
-    assert [line.get_label() for line in hood] == ["true crop", "vo crop"]
-    np.testing.assert_array_equal(np.asarray(clean[1].get_ydata()), [6.0] * 4)
-    np.testing.assert_array_equal(np.asarray(hood[1].get_ydata()), [5.0, 4.0, np.nan, 2.0])
 
 
 def test_the_command_prints_a_table_and_draws_curves(tmp_path: Path, printed: Says) -> None:

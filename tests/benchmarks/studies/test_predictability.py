@@ -1,4 +1,4 @@
-"""Predictability of motion: deviations, noise and fractions by hand, and held-out learners."""
+"""Predictability of motion: deviations and fractions by hand, and held-out learners."""
 
 from pathlib import Path
 
@@ -56,15 +56,6 @@ def test_a_steady_turn_does_not_deviate_and_a_braking_car_falls_behind() -> None
     assert braking.truth[0, :, 0] == pytest.approx(-0.01 * HORIZONS * (HORIZONS + 1))
 
 
-def test_noise_of_poses_is_measured_beside_smooth_motion() -> None:
-    smooth = winding(3000, 0)
-    deviation = np.array([0.003, 0.002, 0.004, 3e-4, 1e-4, 5e-4])
-    noisy = predictability.add_noise(smooth, deviation, seed=1)
-    measured = predictability.pose_noise(Trajectory(noisy, smooth.times_s, True))
-    np.testing.assert_allclose(measured, deviation, rtol=0.15)
-    assert predictability.pose_noise(smooth).max() < 1e-5
-
-
 def test_a_held_out_learner_explains_what_depends_on_the_past_alone() -> None:
     rng = np.random.default_rng(0)
     twists = rng.standard_normal((400, STUDY.num_steps, 6))
@@ -72,7 +63,7 @@ def test_a_held_out_learner_explains_what_depends_on_the_past_alone() -> None:
     truth[..., 5] = 0.1 * twists[:, -1, 4:5] * HORIZONS  # yaw follows the last turn rate
     truth[..., 4] = rng.standard_normal((400, 1))  # roll is chance
     sequences = np.repeat(["a", "b", "c", "d"], 100)
-    windows = Windows(sequences, twists, truth, truth, truth)
+    windows = Windows(sequences, twists, truth, truth)
     predicted = Ridge(9, 0.03).held_out(windows, ["a"])
     is_tested = sequences == "a"
     assert np.isnan(predicted[~is_tested]).all()
@@ -86,7 +77,7 @@ def test_a_held_out_learner_explains_what_depends_on_the_past_alone() -> None:
     assert roll.mean < 0.05
     other = truth.copy()
     other[is_tested] = 7.0  # the tested sequence is not fitted to
-    changed = Windows(sequences, twists, other, other, other)
+    changed = Windows(sequences, twists, other, other)
     np.testing.assert_array_equal(Ridge(9, 0.03).held_out(changed, ["a"]), predicted)
 
 

@@ -1,0 +1,30 @@
+"""Look of the studies' figures."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from geovp_benchmarks.plots import style
+
+
+@contextmanager
+def panels(
+    path: Path,
+    size_in: tuple[float, float],
+    num_columns: int,
+    num_rows: int = 1,
+    *,
+    sharex: bool = True,
+) -> Iterator[Sequence[Axes]]:
+    """Yield panels with a shared y axis; then write them with a legend above to a file."""
+    with mpl.style.context(style.SHEET):
+        figure = Figure(figsize=size_in, dpi=300, layout="constrained")
+        grid = figure.subplots(num_rows, num_columns, sharex=sharex, sharey=True, squeeze=False)
+        yield grid.ravel()
+        handles = grid[0, 0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper center", ncols=len(handles[0]))
+        figure.savefig(path)
