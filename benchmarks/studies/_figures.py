@@ -24,7 +24,7 @@ def panels(
     with mpl.style.context(style.SHEET):
         figure = Figure(figsize=size_in, dpi=300, layout="constrained")
         grid = figure.subplots(num_rows, num_columns, sharex=sharex, sharey=True, squeeze=False)
-        yield grid.ravel()
+        yield list(grid.flat)
         handles = grid[0, 0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside upper center", ncols=len(handles[0]))
         figure.savefig(path)
