@@ -12,7 +12,6 @@ import argparse
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Any
 
 from geovp_benchmarks.arguments import at_least
 from geovp_benchmarks.cli.messages import logger
@@ -76,11 +75,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.out is not None:
         exports.check_free(args.out)
-    values: dict[str, Any] = {}
-    for field in dataclasses.fields(PredictionRequest):
-        value = getattr(args, field.name)
-        values[field.name] = tuple(value) if isinstance(value, list) else value
-    request = PredictionRequest(**values)
+    names = [field.name for field in dataclasses.fields(PredictionRequest)]
+    request = PredictionRequest(**{name: getattr(args, name) for name in names})
     with progress_bar("predict", "stages") as progress:
         progress(0, 6)
         predicted = prediction.predict(request)

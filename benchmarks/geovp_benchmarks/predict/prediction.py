@@ -191,31 +191,20 @@ def predict(request: PredictionRequest) -> Predicted:
     return Predicted(request, predictor, camera, context, first, prediction, scene, actual)
 
 
-def off_axis_deg(
-    motion: Motion,
-    max_turn_deg_s: float = 7.0,
-    lever_arm_m: float = 2.0,  # of a camera in front of a car's rear axle
-    assumed_speed_m_s: float = 3.0,  # where lengths are not in metres
-) -> float | None:
-    """Return the angle between optical axis and direction of travel that turning cannot explain.
+def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:
+    """Return the angle between the optical axis and the direction of travel where it is straight.
 
-    A wrong principal point turns the path by the angle of its offset. A camera in front of the rear
-    axle also moves sideways in turns, by yaw rate times lever arm. None if the camera never moved.
+    A wrong principal point turns the path by the angle of its offset. In turns, a camera in front
+    of the rear axle also moves sideways. None if the camera never moved straight.
     """
-    past, durations_s = motion.past, np.diff(motion.past.times_s)
-    steps = se3.inverse(past.world_from_cam[:-1]) @ past.world_from_cam[1:]
-    turn_rates = se3.rotation_angle_rad(steps) / durations_s
-    is_usable = motion.tracked[1:] & (turn_rates < np.radians(max_turn_deg_s))
-    offsets = steps[is_usable, :3, 3]
-    if not offsets.any():
+    poses, times_s = motion.past.world_from_cam, motion.past.times_s
+    steps = se3.inverse(poses[:-1]) @ poses[1:]
+    turn_rates = se3.rotation_angle_rad(steps) / np.diff(times_s)
+    is_straight = motion.tracked[1:] & (turn_rates < np.radians(max_turn_deg_s))
+    right, down, ahead = steps[is_straight, :3, 3].sum(axis=0)
+    if not (right or down or ahead):
         return None
-    speed_m_s = assumed_speed_m_s
-    if past.is_metric:
-        speed_m_s = np.median(np.linalg.norm(offsets, axis=1) / durations_s[is_usable])
-    right, down, ahead = offsets.sum(axis=0)
-    angle_rad = np.arctan2(np.hypot(right, down), abs(ahead))
-    angle_rad -= np.arctan2(lever_arm_m * np.median(turn_rates[is_usable]), speed_m_s)
-    return float(np.degrees(max(0.0, angle_rad)))
+    return float(np.degrees(np.arctan2(np.hypot(right, down), abs(ahead))))
 
 
 def _run(
