@@ -243,7 +243,7 @@ READERS: dict[str, Reader] = {
     "times": Reader(text("times.txt", TIMES), pose_files.read_times),
     "calib.txt": Reader(
         text("calib.txt", KITTI_CALIBRATION),
-        lambda path: calibration_files.read_projection(path, "P1", (48, 32), RAISE),
+        lambda path: calibration_files.read_projection(path, "P1", (48, 32)),
     ),
     "raw timestamps": Reader(
         text("timestamps.txt", STAMPS),

@@ -15,7 +15,7 @@ import yaml
 from PIL import ExifTags, Image
 
 from geovp_classic import files
-from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.findings import RAISE, BadFile, Finding, parse_numbers
 from geovp_classic.data.frames import Size
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -61,9 +61,7 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
             name = next(
                 (name for name in names if f"{name}:" in text), names[0]
             )
-            projection = read_projection(path, name, size_px, RAISE)
-            assert projection is not None
-            camera = projection[0]
+            camera, _ = read_projection(path, name, size_px)
         else:
             camera = _camera_of_colmap(text)
     width_px, height_px = camera.size_px
@@ -97,43 +95,34 @@ def exif_focal_px(
     )
 
 
-def read_entry(
-    path: Path, name: str, count: int, findings: Findings
-) -> FloatArray:
-    """Read the numbers of the line `name: ...` in one of KITTI's files; NaN with a finding.
+def read_entry(path: Path, name: str, count: int) -> FloatArray:
+    """Read the numbers of the line `name: ...` in one of KITTI's files; BadData without them.
 
     A line without a colon has the name "".
     """
-    for line, text in findings.lines(path):
+    for line, text in RAISE.lines(path):
         key, _, numbers = text.rpartition(":")
         if key == name:
-            with findings.catch(path, line):
+            with RAISE.catch(path, line):
                 return parse_numbers(numbers.split(), count)
-            break
-    else:
-        findings.add(path, f"has no line '{name}:'")
-    return np.full(count, np.nan)
+    raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
 
 
 def read_projection(
-    path: Path, name: str, size_px: Size, findings: Findings
-) -> tuple[DistortedCamera, FloatArray] | None:
+    path: Path, name: str, size_px: Size
+) -> tuple[DistortedCamera, FloatArray]:
     """Read the projection K [I | t] of a rectified camera in one of KITTI's files.
 
-    Return the camera, and cam_from_cam0 [4, 4]; None with a finding.
+    Return the camera, and cam_from_cam0 [4, 4]; BadData for another projection.
     """
-    projection = read_entry(path, name, 12, findings).reshape(3, 4)
-    if np.isnan(projection).any():
-        return None
+    projection = read_entry(path, name, 12).reshape(3, 4)
     (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
     camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
-        findings.add(
-            path,
-            f"{name} is not K [I | t] of a rectified camera: expected positive focal lengths, "
-            "zeros beside them, and 0 0 1 below",
+        raise BadData(
+            f"{path}: {name} is not K [I | t] of a rectified camera: expected positive focal "
+            "lengths, zeros beside them, and 0 0 1 below"
         )
-        return None
     translation = np.linalg.solve(camera_matrix, projection[:, 3])
     camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, *size_px))
     return camera, se3.compose(np.eye(3), translation)

@@ -51,10 +51,11 @@ class Colmap(PosedSequences):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
         root = folder / "images" if (folder / "images").is_dir() else folder
-        images = sorted(
+        paths = sorted(
             filter(is_image, root.rglob("*")),
             key=lambda path: (path.parent, natural_order(path)),
         )
+        images = tuple(paths)
         times_s = np.arange(len(images)) / self.rate_hz
         registered: Registered = {}
         with findings.catch(folder):
@@ -73,20 +74,15 @@ class Colmap(PosedSequences):
                 f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here",
             )
         if missing or not registered:
-            return Scan(tuple(images), times_s)
-        unregistered = (
-            np.full((4, 4), np.nan),
-            next(iter(registered.values()))[1],
-        )
-        views = [registered.get(name, unregistered) for name in names]
-        world_from_cam = np.stack([pose for pose, _ in views])
-        cameras = tuple(camera for _, camera in views)
+            return Scan(images, times_s)
+        _, camera = next(iter(registered.values()))
+        unregistered = np.full((4, 4), np.nan), camera
+        views = (registered.get(name, unregistered) for name in names)
+        poses, cameras = zip(*views, strict=True)
+        world_from_cam = np.stack(poses)
+        is_metric = self.is_metric
         return Scan(
-            tuple(images),
-            times_s,
-            cameras,
-            world_from_cam,
-            is_metric=self.is_metric,
+            images, times_s, cameras, world_from_cam, is_metric=is_metric
         )
 
 
@@ -105,13 +101,12 @@ def _read_model(model: Path) -> Registered:
         reconstruction = pycolmap.Reconstruction(str(model))
         for image in reconstruction.images.values():
             if image.has_pose:
-                camera = DistortedCamera.from_colmap(
-                    reconstruction.cameras[image.camera_id]
+                camera = reconstruction.cameras[image.camera_id]
+                rows = image.cam_from_world().inverse().matrix()
+                registered[image.name] = (
+                    se3.compose(rows[:, :3], rows[:, 3]),
+                    DistortedCamera.from_colmap(camera),
                 )
-                cam_from_world = np.vstack(
-                    [image.cam_from_world().matrix(), [0, 0, 0, 1]]
-                )
-                registered[image.name] = se3.inverse(cam_from_world), camera
         if not registered:
             raise ValueError("no image is registered")
     return registered

@@ -32,6 +32,14 @@ class Finding:
         return f"{self.path}{line}: {self.message}"
 
 
+class BadFile(BadData):
+    """A finding that is raised."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(str(finding))
+        self.finding = finding
+
+
 class Findings(list[Finding]):
     """A list that reading functions add their findings to."""
 
@@ -50,6 +58,8 @@ class Findings(list[Finding]):
         """Add the BadData that is raised about a file, or about a line of it, as an error."""
         try:
             yield
+        except BadFile as problem:
+            self.append(problem.finding)
         except BadData as problem:
             self.add(
                 path, str(problem).removeprefix(str(path)).lstrip(": "), line
@@ -95,12 +105,12 @@ class Findings(list[Finding]):
 
 
 class FirstError(Findings):
-    """Findings that raise an error, as a BadData, instead of collecting it."""
+    """Findings that raise an error, as a BadFile, instead of collecting it."""
 
     def append(self, finding: Finding) -> None:
         """Raise an error; ignore warnings and notes."""
         if finding.severity == "error":
-            raise BadData(str(finding))
+            raise BadFile(finding)
 
 
 RAISE = FirstError()

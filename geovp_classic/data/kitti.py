@@ -66,13 +66,14 @@ class Kitti(PosedSequences):
             )
         return {path.name: path for path in sorted(folder.glob("[!.]*/"))}
 
-    def scan_camera(
-        self, folder: Path, findings: Findings, camera: int
+    def scan(
+        self, folder: Path, findings: Findings, camera: int | None = None
     ) -> Scan:
-        """Scan a sequence with one of its cameras.
+        """Scan a sequence with one of its cameras, by default the one that it shows.
 
         `folder` is root/sequences/NN; the poses are root/poses/NN.txt, if there are any.
         """
+        camera = self._cameras(folder)[0] if camera is None else camera
         images = numbered_images(folder / f"image_{camera}", findings)
         path = folder / "times.txt"
         times_s = pose_files.read_times(path, findings)
@@ -86,14 +87,10 @@ class Kitti(PosedSequences):
             images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
         )
 
-    def scan(self, folder: Path, findings: Findings) -> Scan:
-        """Scan a sequence with the camera that it shows."""
-        return self.scan_camera(folder, findings, self._cameras(folder)[0])
-
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence with each of its cameras."""
         return {
-            f"image_{camera}": self.scan_camera(folder, findings, camera)
+            f"image_{camera}": self.scan(folder, findings, camera)
             for camera in self._cameras(folder)
         }
 
@@ -118,7 +115,7 @@ class Kitti(PosedSequences):
         right_camera = {0: 1, 2: 3}.get(camera)
         if not self.with_right or right_camera not in others:
             return recording
-        right = self.scan_camera(folder, RAISE, right_camera)
+        right = self.scan(folder, RAISE, right_camera)
         view = right.recording(name, folder, load, self.camera_height_m)
         right_from_left = right.cam_from_rig @ se3.inverse(left.cam_from_rig)
         side = SideCamera(view.frames, view.intrinsics, right_from_left)
@@ -151,18 +148,16 @@ def rectified(
     findings: Findings,
 ) -> Scan:
     """Return the scan of a rectified camera from its calibration and the poses of camera 0."""
-    size_px = (1, 1)
-    for path in images[:1]:
-        with findings.catch(path):
-            size_px = image_size(path)
-    projection = read_projection(calibration, name, size_px, findings)
-    if projection is None or size_px == (1, 1):
-        return Scan(images, times_s)
-    camera, cam_from_cam0 = projection
-    world_from_cam = None
-    if world_from_cam0 is not None:
-        world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)
-    cameras = (camera,) * len(images)
-    return Scan(
-        images, times_s, cameras, world_from_cam, cam_from_rig=cam_from_cam0
-    )
+    scan = Scan(images, times_s)
+    if not images:
+        return scan
+    with findings.catch(images[0]):
+        size_px = image_size(images[0])
+        with findings.catch(calibration):
+            camera, cam_from_cam0 = read_projection(calibration, name, size_px)
+            cameras = (camera,) * len(images)
+            scan = replace(scan, cameras=cameras, cam_from_rig=cam_from_cam0)
+            if world_from_cam0 is not None:
+                poses = world_from_cam0 @ se3.inverse(cam_from_cam0)
+                scan = replace(scan, world_from_cam=poses)
+    return scan

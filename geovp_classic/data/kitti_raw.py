@@ -51,13 +51,14 @@ class KittiRaw(Kitti):
         drives = sorted(self.root.glob("????_??_??/*_drive_*_sync/"))
         return {path.name.removesuffix("_sync"): path for path in drives}
 
-    def scan_camera(
-        self, folder: Path, findings: Findings, camera: int
+    def scan(
+        self, folder: Path, findings: Findings, camera: int | None = None
     ) -> Scan:
-        """Scan a drive with one of its cameras.
+        """Scan a drive with one of its cameras, by default the one that it shows.
 
         `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies beside it.
         """
+        camera = self._cameras(folder)[0] if camera is None else camera
         images = numbered_images(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
         path = folder / f"image_0{camera}" / "timestamps.txt"
@@ -71,14 +72,14 @@ class KittiRaw(Kitti):
         scan = kitti.rectified(
             images, calibration, name, times_s, poses, findings
         )
-        size_px = read_entry(calibration, f"S_rect_0{camera}", 2, findings)
-        stored_px = scan.cameras[0].size_px if scan.cameras else size_px
-        if (np.abs(size_px - stored_px) > 0).any():
-            findings.add(
-                calibration,
-                f"S_rect_0{camera} is {size_px[0]:g}x{size_px[1]:g}, the images are "
-                f"{stored_px[0]}x{stored_px[1]}: scale S_rect and P_rect as the images were",
-            )
+        with findings.catch(calibration):
+            size_px = read_entry(calibration, f"S_rect_0{camera}", 2)
+            stored_px = scan.cameras[0].size_px if scan.cameras else size_px
+            if (size_px != stored_px).any():
+                raise BadData(
+                    f"S_rect_0{camera} is {size_px[0]:g}x{size_px[1]:g}, the images are "
+                    f"{stored_px[0]}x{stored_px[1]}: scale S_rect and P_rect as the images were"
+                )
         return scan
 
 
@@ -108,32 +109,33 @@ def _read_poses(
     come first.
     """
     date = folder.parent
-    cam0_from_imu: FloatArray = np.eye(4)
-    for name in ("imu_to_velo", "velo_to_cam"):
-        path = date / f"calib_{name}.txt"
-        rotation = read_entry(path, "R", 9, findings).reshape(3, 3)
-        translation = read_entry(path, "T", 3, findings)
-        cam0_from_imu = se3.compose(rotation, translation) @ cam0_from_imu
-    path = date / "calib_cam_to_cam.txt"
-    rectification = read_entry(path, "R_rect_00", 9, findings).reshape(3, 3)
-    cam0_from_imu = se3.compose(rectification, np.zeros(3)) @ cam0_from_imu
-    readings = np.empty((num_frames, 30))
+    readings = []
     for number in range(num_frames):
         path = folder / f"oxts/data/{number:010d}.txt"
-        readings[number] = read_entry(path, "", 30, findings)
-        if abs(readings[number, 0]) >= 90:
-            message = (
-                f"latitude {readings[number, 0]:g}, expected -90 to 90 degrees"
+        with findings.catch(path, line=1):
+            reading = read_entry(path, "", 30)
+            if abs(reading[0]) >= 90:
+                raise BadData(
+                    f"latitude {reading[0]:g}, expected -90 to 90 degrees"
+                )
+            readings.append(reading)
+    with findings.catch(date):
+        cam0_from_imu: FloatArray = np.eye(4)
+        for name in ("imu_to_velo", "velo_to_cam"):
+            path = date / f"calib_{name}.txt"
+            rotation = read_entry(path, "R", 9).reshape(3, 3)
+            motion = se3.compose(rotation, read_entry(path, "T", 3))
+            cam0_from_imu = motion @ cam0_from_imu
+        path = date / "calib_cam_to_cam.txt"
+        rotation = read_entry(path, "R_rect_00", 9).reshape(3, 3)
+        cam0_from_imu = se3.compose(rotation, np.zeros(3)) @ cam0_from_imu
+        cam0_from_imu = se3.orthonormalised(
+            cam0_from_imu, pose_files.ROTATION_TOLERANCE
+        )
+        if readings and len(readings) == num_frames:
+            return mercator_poses(np.array(readings)) @ se3.inverse(
+                cam0_from_imu
             )
-            findings.add(path, message, 1)
-            readings[number] = np.nan
-    is_complete = np.isfinite(readings).all() & np.isfinite(cam0_from_imu).all()
-    if num_frames and is_complete:
-        with findings.catch(date):
-            cam0_from_imu = se3.orthonormalised(
-                cam0_from_imu, pose_files.ROTATION_TOLERANCE
-            )
-            return mercator_poses(readings) @ se3.inverse(cam0_from_imu)
     return None
 
 

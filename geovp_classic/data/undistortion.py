@@ -83,20 +83,16 @@ class DistortedCamera:
         # imported here, because training on KITTI does not need it
         from geovp_classic.colmap_library import pycolmap
 
-        camera = pycolmap.Camera(model=self.model)
-        view = self.pinhole
-        focal_px = [view.fx_px, view.fy_px][: len(camera.focal_length_idxs())]
-        params = [
-            *focal_px,
-            view.cx_px + 0.5,
-            view.cy_px + 0.5,
-            *self.distortion,
-        ]
+        lens = pycolmap.Camera(model=self.model)
+        focals = np.ones(len(lens.focal_length_idxs()))
+        params = [*focals, 0.0, 0.0, *self.distortion]
         if self.model == "FULL_OPENCV":
             params += [0.0] * (12 - len(params))
-        camera.params = params
+        lens.params = params
         contiguous = np.ascontiguousarray(rays, np.float64)
-        return np.asarray(camera.img_from_cam(contiguous)) - 0.5
+        bent = np.asarray(lens.img_from_cam(contiguous))
+        view = self.pinhole
+        return bent * [view.fx_px, view.fy_px] + [view.cx_px, view.cy_px]
 
 
 def common_pinhole(
@@ -123,21 +119,18 @@ def common_pinhole(
 
 
 @functools.lru_cache(maxsize=8)
-def _maps(
-    camera: DistortedCamera, view: Intrinsics
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return where each pixel of the view lies in the camera's image: u and v [H, W].
+def _map(camera: DistortedCamera, view: Intrinsics) -> FloatArray | None:
+    """Return where each pixel of the view lies in the camera's image, (u, v) [H, W, 2].
 
     None if each lies at the pixel itself.
     """
     grid = pinhole.pixel_grid(view)
-    pixels = camera.project(pinhole.rays(view).reshape(-1, 3)).reshape(
-        grid.shape
-    )
+    pixels = camera.project(pinhole.rays(view).reshape(-1, 3))
+    pixels = pixels.reshape(grid.shape)
     has_same_size = camera.size_px == (view.width_px, view.height_px)
     if has_same_size and np.abs(pixels - grid).max() < 1e-6:
         return None
-    return pixels[..., 0].astype(np.float32), pixels[..., 1].astype(np.float32)
+    return pixels.astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -155,9 +148,10 @@ class UndistortedFrames:
     def read(self, index: int) -> Array:
         """Return one frame; without distortion, it is not resampled."""
         image = self.frames.read(index)
-        maps = _maps(self.cameras[index], self.view)
-        if maps is None:
+        pixels = _map(self.cameras[index], self.view)
+        if pixels is None:
             return image
+        border = cv2.BORDER_REPLICATE
         return cv2.remap(
-            image, *maps, self.interpolation, borderMode=cv2.BORDER_REPLICATE
+            image, pixels, None, self.interpolation, borderMode=border
         )

@@ -76,8 +76,7 @@ class Synthetic(Optics):
         light, depths, moving = render_drive(
             street, world_from_cam, camera, times_s, self
         )
-        rng = np.random.default_rng([self.seed, index, 0, 99])
-        frames = self._expose(light, rng)
+        frames = self._expose(light, (index, 0))
         left_px = (camera.width_px - square.width_px) // 2
         crop = np.s_[:, :, left_px : left_px + square.width_px]
         views = {}
@@ -88,8 +87,7 @@ class Synthetic(Optics):
             right_from_left[0, 3] = -0.54  # KITTI's baseline
             poses = world_from_cam @ se3.inverse(right_from_left)
             light, _, _ = render_drive(street, poses, full, times_s, self)
-            rng = np.random.default_rng([self.seed, index, 1, 99])
-            right = self._expose(light, rng)
+            right = self._expose(light, (index, 1))
             views["right"] = ExtraView(right, full, right_from_left)
         return Clip(
             name=self.clip_name(index),
@@ -164,11 +162,14 @@ class Synthetic(Optics):
         world_from_rest = world_from_vehicle(*ego.place_at(times_s))
         return world_from_rest @ se3.exp(body_from_rest) @ mount
 
-    def _expose(self, light: FloatArray, rng: Generator) -> ByteArray:
+    def _expose(
+        self, light: FloatArray, clip_and_eye: tuple[int, int]
+    ) -> ByteArray:
         """Return images [T, H, W, 3] of linear light with noise and drifting exposure.
 
         The noise is drawn for uncropped images. A crop therefore has the noise of the whole.
         """
+        rng = np.random.default_rng([self.seed, *clip_and_eye, 99])
         num_frames, height_px, width_px, _ = light.shape
         times_s = np.arange(num_frames) * 0.1
         drift = self.exposure_drift * _waves(rng, times_s, 0.1, 0.5)

@@ -105,12 +105,9 @@ def test_missing_files_are_found(kitti_root: Path) -> None:
     assert has(
         reported(kitti_root),
         "error sequences/01/calib.txt: does not exist",
-        "error sequences/01/calib.txt: has no line 'P0:'",
         "error sequences/01/times.txt: does not exist",
         "error sequences/01/image_0: lacks frame 000006",
         "error sequences/02/image_2: holds no images",
-        "error sequences/02/calib.txt: does not exist",
-        "error sequences/02/calib.txt: has no line 'P2:'",
         "error sequences/02/times.txt: does not exist",
     )
     assert Doctor().examine(kitti_root).rows[1]["poses"] == "none"

@@ -98,7 +98,7 @@ def test_wrong_settings_are_refused_on_construction(kitti_root: Path) -> None:
     wrong: list[tuple[dict[str, object], str]] = [
         ({"sequences": ("07",)}, "no sequence '07': name one of 00, 01"),
         ({"sequences": ("00[0:13)",)}, "sequence 00 has 12 frames"),
-        ({"sequences": ("00[0:3)",)}, "has 3 frames, but one clip needs 4"),
+        ({"sequences": ("00[0:3)",)}, "has 3 frames without a break, but one clip needs 4"),
         ({"sequences": ("00", "00[4:8)")}, "clip 00/000004 is named twice"),
         ({"sequences": ()}, "no sequence is named"),
         ({"split": "tets"}, "did you mean 'test'"),
