@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.special import stdtr
 
 from geovp_classic import files
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.past_motion import Axis
-from geovp_classic.forecasting.sampling import BodyForecast
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -50,6 +50,37 @@ class Coefficients:
         """Return the scales [N, F, 3] of the residual."""
         log_scales = motion_features(twists) @ self.spread
         return np.exp(log_scales).reshape(len(twists), -1, 3)
+
+
+@dataclass(frozen=True)
+class BodyForecast:
+    """Heave (m, downwards), pitch and roll (rad) over the plane; all are independent."""
+
+    means: FloatArray  # [F, 3]
+    scales: FloatArray  # [F, 3], of Student's t
+    degrees: FloatArray  # [3], of freedom
+
+    def log_density(self, states: FloatArray) -> FloatArray:
+        """Return the log density [N, F] at states [N, F, 3]."""
+        from scipy import stats  # takes half a second to import
+
+        density = stats.t.logpdf(states, self.degrees, self.means, self.scales)
+        return density.sum(axis=-1)
+
+    def ranks(self, states: FloatArray) -> FloatArray:
+        """Return the probability [F, 3] of the central interval that ends at each state [F, 3]."""
+        distance = np.abs(states - self.means) / self.scales
+        return 2 * stdtr(self.degrees, distance) - 1
+
+    def sample(
+        self,
+        num_samples: int,
+        seed: int,
+    ) -> FloatArray:
+        """Draw states [N, F, 3], independent from step to step."""
+        rng = np.random.default_rng(seed)
+        drawn = rng.standard_t(self.degrees, (num_samples, *self.means.shape))
+        return self.means + self.scales * drawn
 
 
 @dataclass(frozen=True)

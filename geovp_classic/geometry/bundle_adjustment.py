@@ -102,7 +102,7 @@ class PosePrior:
         """Return the curvature [K, 6], the gradient [K, 6] and the value of the prior's cost."""
         twists = se3.log(cam_from_world @ se3.inverse(self.cam_from_world))
         deviation = self.precision * twists
-        square = float((deviation**2).sum()) / self.scale**2
+        square = (deviation**2).sum() / self.scale**2
         weighted_precision = self.precision / (1 + square)
         curvature = weighted_precision * self.precision
         gradient = weighted_precision * deviation

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
+from geovp_classic.types.arrays import rotation_defect
 
 
 def inverse(b_from_a: FloatArray) -> FloatArray:
@@ -99,7 +100,7 @@ def orthonormalised(
     Raise BadData if an entry of R R' - I exceeds the tolerance, or if R is a reflection.
     """
     rotation = b_from_a[..., :3, :3]
-    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max()
+    defect = rotation_defect(rotation).max()
     is_near = defect < tolerance  # False for NaN
     if not is_near or not (np.linalg.det(rotation) > 0).all():
         raise BadData(

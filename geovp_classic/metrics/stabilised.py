@@ -81,19 +81,13 @@ def turned(
     last_px = np.array([camera.width_px - 1, camera.height_px - 1])
     for step, rotation in enumerate(predicted_from_true[:, :3, :3]):
         pixels, _ = pinhole.project(pinhole.rays(camera) @ rotation.T, camera)
-        masks[step] = ((pixels >= -1e-6) & (pixels <= last_px + 1e-6)).all(
-            axis=-1
-        )
+        is_inside = (pixels >= -1e-6) & (pixels <= last_px + 1e-6)
+        masks[step] = is_inside.all(axis=-1)
         if not np.allclose(rotation, np.eye(3), atol=1e-9):
             # NaN behind the camera
-            u, v = np.moveaxis(
-                np.nan_to_num(pixels, nan=-1.0).astype(np.float32), -1, 0
-            )
+            at = np.nan_to_num(pixels, nan=-1.0).astype(np.float32)
+            border = cv2.BORDER_REPLICATE
             views[step] = cv2.remap(
-                frames[step],
-                u,
-                v,
-                cv2.INTER_CUBIC,
-                borderMode=cv2.BORDER_REPLICATE,
+                frames[step], at, None, cv2.INTER_CUBIC, borderMode=border
             )
     return views, masks

@@ -45,7 +45,7 @@ class CornerTracker:
 
     def detect(self, grey: ByteArray) -> FloatArray:
         """Return all corners [M, 2] of an image [H, W], the strongest first."""
-        contrast = float(np.std(grey[::4, ::4]))
+        contrast = np.std(grey[::4, ::4])
         if contrast < self.min_contrast:
             return np.zeros((0, 2))
         shrink = 1
@@ -71,7 +71,7 @@ class CornerTracker:
 
         The image [H, W] has about `num_features` square cells.
         """
-        side_px = float(np.sqrt(image.size / self.num_features))
+        side_px = np.sqrt(image.size / self.num_features)
         cells, strongest = np.unique(_cell(corners, side_px), return_index=True)
         is_free = ~np.isin(cells, _cell(occupied, side_px))
         return corners[strongest[is_free]]

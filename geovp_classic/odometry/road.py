@@ -229,7 +229,7 @@ class RoadPair:
 
 def _tilt_information(plane: FloatArray, tilt_rad: float) -> FloatArray:
     """Return the inverse covariance [3, 3] of a plane with an unknown height."""
-    size2 = float(plane @ plane)
+    size2 = plane @ plane
     across = np.eye(3) - np.outer(plane, plane) / size2
     any_height = 1e-4 * np.eye(3)  # keeps it regular
     return (across / tilt_rad**2 + any_height) / size2
@@ -252,10 +252,8 @@ def sample(
 ) -> FloatArray:
     """Return the values [..., N] or [..., N, C] of an image at pixels, bilinear."""
     num_pixels = pixels.shape[-2]  # OpenCV limits the columns of a map
-    u, v = np.moveaxis(
-        pixels.reshape(-1, num_pixels, 2).astype(np.float32), -1, 0
-    )
-    values = cv2.remap(image, u, v, cv2.INTER_LINEAR).astype(np.float64)
+    at = pixels.reshape(-1, num_pixels, 2).astype(np.float32)
+    values = cv2.remap(image, at, None, cv2.INTER_LINEAR).astype(np.float64)
     return values.reshape(*pixels.shape[:-1], *image.shape[2:])
 
 

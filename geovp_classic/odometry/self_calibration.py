@@ -40,7 +40,7 @@ class RadialEstimate:
         noise: float,  # standard deviation of a ray's coordinates
     ) -> RadialEstimate:
         """Return the estimate after two more images; the same one unless the camera turned."""
-        length = float(np.linalg.norm(b_from_a[:3, 3]))
+        length = np.linalg.norm(b_from_a[:3, 3])
         turn_deg = np.degrees(se3.rotation_angle_rad(b_from_a))
         if (
             len(distorted_a) < self.min_points

@@ -78,13 +78,9 @@ class GroundFarPlane:
         """Return how far the camera looks above the ground."""
         if self.pitch_deg is not None:
             return float(np.deg2rad(self.pitch_deg))
-        rotations = past.world_from_cam[1:, :3, :3]
-        steps = np.diff(past.world_from_cam[:, :3, 3], axis=0)
-        steps_cam = np.einsum("nji,nj->ni", rotations, steps)
-        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)[
-            :3, :3
-        ]
-        unrolled = steps_cam @ level_from_rolled.T
+        after_from_before = se3.inverse(se3.steps(past.world_from_cam))
+        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)
+        unrolled = -after_from_before[:, :3, 3] @ level_from_rolled[:3, :3].T
         if np.abs(unrolled[:, 2]).sum() <= self.min_path_m:
             return 0.0
         return planar.travel_pitch_rad(unrolled)

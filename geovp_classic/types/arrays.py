@@ -84,11 +84,8 @@ def store_rigid(
             "two of 4"
         )
     rotation = poses[..., :3, :3]
-    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(
-        axis=(-2, -1)
-    )
     is_rigid = (
-        (defect < tolerance)
+        (rotation_defect(rotation) < tolerance)
         & (np.linalg.det(rotation) > 0)
         & np.isfinite(poses[..., :3, 3]).all(axis=-1)
         & (poses[..., 3, :] == [0, 0, 0, 1]).all(axis=-1)
@@ -100,6 +97,12 @@ def store_rigid(
             "matrix, a translation and a last row 0 0 0 1"
         )
     store(owner, field, poses)
+
+
+def rotation_defect(rotation: FloatArray) -> FloatArray:
+    """Return the largest entry [...] of R R' - I."""
+    square = rotation @ np.swapaxes(rotation, -1, -2)
+    return np.abs(square - np.eye(3)).max(axis=(-2, -1))
 
 
 def take(value: Any, steps: slice | BoolArray) -> Any:

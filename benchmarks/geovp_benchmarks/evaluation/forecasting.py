@@ -13,8 +13,7 @@ from geovp_benchmarks.progress import Progress, tracked
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
-from geovp_classic.forecasting.planar_forecaster import PlanarForecaster
-from geovp_classic.forecasting.sampling import PlanarForecast
+from geovp_classic.forecasting.planar_forecaster import PlanarForecast, PlanarForecaster
 from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory

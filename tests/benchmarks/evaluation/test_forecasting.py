@@ -19,10 +19,11 @@ from geovp_benchmarks.progress import no_progress
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.body_motion import BodyForecast
 from geovp_classic.forecasting.constant import ConstantTurn, Hold
 from geovp_classic.forecasting.kalman import TurnRateKalman
+from geovp_classic.forecasting.planar_forecaster import PlanarForecast
 from geovp_classic.forecasting.representative import Representative
-from geovp_classic.forecasting.sampling import BodyForecast, PlanarForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
 from tests.benchmarks.conftest import Says

@@ -7,11 +7,10 @@ import pytest
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import body_motion
-from geovp_classic.forecasting.body_motion import BodyMotion
+from geovp_classic.forecasting.body_motion import BodyForecast, BodyMotion
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_network import MIRRORED_TWIST
 from geovp_classic.forecasting.motion_prior import MotionPrior
-from geovp_classic.forecasting.sampling import BodyForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_models import VehicleModel
-from geovp_classic.forecasting.sampling import PlanarForecast
+from geovp_classic.forecasting.planar_forecaster import PlanarForecast
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
 
