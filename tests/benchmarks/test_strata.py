@@ -71,31 +71,31 @@ def results(tmp_path: Path) -> Results:
         (
             "turning",
             {
-                "straight, by less than 5 deg": "ac",
-                "turning, by 5 deg or more": "bd",
-                "yaw_deg not known": "e",
+                "yaw_deg below 5": "ac",
+                "yaw_deg 5 or more": "bd",
+                "yaw_deg unknown": "e",
             },
         ),
         (
             "speed",
             {
-                "below 5 m/s": "a",
-                "5 to 10 m/s": "b",
-                "10 m/s or more": "c",
-                "speed_m_s not known": "de",
+                "speed_m_s below 5": "a",
+                "speed_m_s 5 to 10": "b",
+                "speed_m_s 10 or more": "c",
+                "speed_m_s unknown": "de",
             },
         ),
         (
             "step",
-            {"below 0.5 m a frame": "a", "0.5 to 1 m a frame": "b", "1 m a frame or more": "c"},
+            {"step_m below 0.5": "a", "step_m 0.5 to 1": "b", "step_m 1 or more": "c"},
         ),
         # thirds of .7 .8 .9 .95 .99: the bounds are at places 4 / 3 and 8 / 3 of 0..4
         (
             "seen",
             {
-                "below 83.3% seen before, as s + r covers it": "bc",
-                "83.3% to 93.3% seen before, as s + r covers it": "a",
-                "93.3% or more seen before, as s + r covers it": "de",
+                "seen below 0.833, as s + r covers it": "bc",
+                "seen 0.833 to 0.933, as s + r covers it": "a",
+                "seen 0.933 or more, as s + r covers it": "de",
             },
         ),
     ],
@@ -117,13 +117,13 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
         for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)
     }
     results = fill(tmp_path, facts)
-    assert strata.divide(results, "seen")[0].label == "below 56.7% seen before"
+    assert strata.divide(results, "seen")[0].label == "seen below 0.567"
     moving = {
         subset.label: set(subset.protocol()["clips"]) for subset in strata.divide(results, "moving")
     }
     assert moving == {
-        "below 1.0% of pixels moving": {"a"},
-        "1.0% or more of pixels moving": {"b", "c"},
+        "moving below 0.01": {"a"},
+        "moving 0.01 or more": {"b", "c"},
     }
 
 
@@ -131,7 +131,7 @@ def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
     straight, turning, unknown = (
         tables.build(subset)[0] for subset in strata.divide(results, "turning")
     )
-    assert straight.title == "demo, straight, by less than 5 deg (n = 2): whole frames and poses"
+    assert straight.title == "demo, yaw_deg below 5 (n = 2): whole frames and poses"
     # clips a and c have 9.5 and 11.5 dB over their two steps, b and d 10.5 and 12.5, e 13.5
     means = [table.methods[0].scores["psnr"].mean for table in (straight, turning, unknown)]
     assert means == [10.5, 11.5, 13.5]
@@ -147,7 +147,7 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     pages = [page for page, _ in plots.write_all(results, by_turning) if page.subject == "psnr"]
     assert [page.name for page in pages] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
     assert len({page.figure.axes[0].get_ylim() for page in pages}) == 1
-    assert pages[0].title == "PSNR: straight, by less than 5 deg"
+    assert pages[0].title == "PSNR: yaw_deg below 5"
     (legend,) = pages[0].figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
     lines = pages[0].figure.axes[0].lines
@@ -167,9 +167,9 @@ def test_a_report_has_a_table_per_stratum(results: Results, command: Command) ->
     tables = re.findall(r"<h3>demo, ([^<]*)</h3>(.*?)</table>", page, re.DOTALL)
     means = {title: re.findall(r"<td>(\d+\.\d+)<", table)[0] for title, table in tables}
     assert means == {
-        "straight, by less than 5 deg (n = 2): whole frames and poses": "10.50",
-        "turning, by 5 deg or more (n = 2): whole frames and poses": "11.50",
-        "yaw_deg not known (n = 1): whole frames and poses": "13.50",
+        "yaw_deg below 5 (n = 2): whole frames and poses": "10.50",
+        "yaw_deg 5 or more (n = 2): whole frames and poses": "11.50",
+        "yaw_deg unknown (n = 1): whole frames and poses": "13.50",
     }
 
 

@@ -2,7 +2,6 @@
 clips and steps.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,34 +36,38 @@ class Ranking:
 
 
 def rankings(results: Results, metric: str) -> list[Ranking]:
-    """Return a ranking for each row that has confidences; BadData for a metric that is not stored
-    or has no better.
+    """Return a ranking for each method that has confidences.
+
+    Raises BadData for a metric that is not stored or has no direction.
     """
-    abouts = results.protocol()["metrics"]
-    about = abouts.get(metric.partition("@")[0])
-    known = [name for name, one in abouts.items() if one.get("higher_is_better") is not None]
-    if about is None or about.get("higher_is_better") is None:
+    metrics = results.protocol()["metrics"]
+    known = [name for name, about in metrics.items() if about.get("higher_is_better") is not None]
+    name = metric.partition("@")[0]
+    if name not in known:
         raise BadData(f"{results.root} cannot be ranked by {metric!r}{nearest(metric, known)}")
-    return list(_rankings(results, metric, 1.0 if about["higher_is_better"] else -1.0))
-
-
-def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
-    """Yield the ranking of each method that has confidences."""
+    sign = 1.0 if metrics[name]["higher_is_better"] else -1.0
+    found = []
     for method in results.methods():
         stored, failed = results.scores(method.name), results.failures(method.name)
         if not {CONFIDENCE, metric} <= stored.values.keys():
             continue
-        known = np.array([clip not in failed for clip in stored.clips])
         confidence, score = stored.values[CONFIDENCE], sign * stored.values[metric]  # [N, S, F]
-        known &= (np.isfinite(confidence) & np.isfinite(score)).any(axis=(1, 2))
-        if known.any():
-            confidence, score = confidence[known], score[known]
-            earlier = np.broadcast_to(-np.arange(confidence.shape[2], dtype=float), score.shape)
-            steps = range(confidence.shape[2] if len(confidence) >= 3 else 0)
-            within = [spearman(confidence[..., step], score[..., step]) for step in steps]
-            mean = float(np.mean([value for value in within if np.isfinite(value)] or [np.nan]))
-            rank, by_step = spearman(confidence, score), spearman(earlier, score)
-            yield Ranking(method.label, len(confidence), rank, by_step, mean)
+        is_used = np.array([clip not in failed for clip in stored.clips])
+        is_used &= (np.isfinite(confidence) & np.isfinite(score)).any(axis=(1, 2))
+        if is_used.any():
+            found.append(_ranking(method.label, confidence[is_used], score[is_used]))
+    return found
+
+
+def _ranking(label: str, confidence: FloatArray, score: FloatArray) -> Ranking:
+    """Return the ranking of confidences and scores [N, S, F]."""
+    count, _, num_steps = confidence.shape
+    earlier = np.broadcast_to(-np.arange(num_steps, dtype=float), score.shape)
+    steps = range(num_steps if count >= 3 else 0)
+    within = [spearman(confidence[..., step], score[..., step]) for step in steps]
+    among_clips = float(np.mean([value for value in within if np.isfinite(value)] or [np.nan]))
+    by_confidence, by_step = spearman(confidence, score), spearman(earlier, score)
+    return Ranking(label, count, by_confidence, by_step, among_clips)
 
 
 def spearman(one: FloatArray, other: FloatArray) -> float:

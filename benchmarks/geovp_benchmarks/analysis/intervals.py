@@ -14,7 +14,7 @@ shows how often such intervals hold the truth.
 """
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,29 +40,18 @@ class Interval:
     effective: float  # effective sample size in clips
     p_zero: float  # two-sided, of a true mean of zero
 
-    @property
-    def excludes_zero(self) -> bool:
-        """Return whether all values in the interval have the same sign."""
-        return self.low > 0 or self.high < 0
-
 
 NOTHING = Interval(float("nan"), float("nan"), float("nan"), 0.0, float("nan"))
 
 
-def sequence_of(clip: str) -> str:
-    """Return the sequence that a clip is cut from: its name up to the last slash."""
-    return clip.rpartition("/")[0]
-
-
-def sequences_of(clips: Iterable[str]) -> IntArray:
-    """Return the number [N] of the sequence of each clip."""
+def sequences_of(clips: Sequence[str]) -> IntArray:
+    """Return the number [N] of the sequence of each clip: its name up to the last slash."""
     return _sequences_of(tuple(clips))
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=4)  # all scores of a table share them
 def _sequences_of(clips: tuple[str, ...]) -> IntArray:
-    """Return the numbers, which all scores of a table share."""
-    names = [sequence_of(clip) for clip in clips]
+    names = [clip.rpartition("/")[0] for clip in clips]
     numbers = {name: number for number, name in enumerate(sorted(set(names)))}
     return np.array([numbers[name] for name in names], np.int64)
 
@@ -80,14 +69,6 @@ def interval(
     between them, so that the interval holds it as often as before.
     """
     return BlockBootstrap(level, seed).interval(values, sequences, bounds)
-
-
-def block_interval(
-    values: FloatArray, sequences: npt.NDArray[np.generic], level: float = 0.95
-) -> tuple[float, float]:
-    """Return the ends of the interval."""
-    result = interval(values, sequences, level)
-    return result.low, result.high
 
 
 @dataclass(frozen=True)

@@ -1,108 +1,66 @@
-"""Results by kinds of clips: turning or straight, slow or fast, seen before or not, with and
-without traffic.
+"""Results by attributes of the clips, which are stored beside their scores.
 
-The kinds follow from facts of each clip that are stored beside its scores, computed from true poses
-and, where they are known, exact depths and moving objects; never from a prediction, but for `seen`
-on video without exact depth.
+They follow from true poses, exact depths and moving objects; without exact depth, `seen` is the
+fraction of pixels that a method covers.
 """
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import COVERAGE
 from geovp_benchmarks.results.store import Results
-from geovp_classic.errors import BadData
-from geovp_classic.registry import nearest
+from geovp_classic.errors import BadData, nearest
 
-
-@dataclass(frozen=True)
-class Division:
-    """How clips are divided by one of their facts."""
-
-    fact: str
-    words: tuple[
-        str, ...
-    ]  # what is said of the strata in ascending order, {} for each bound of theirs
-    bounds: tuple[float, ...] = ()  # between the strata; none: as many clips in each
-
-
-DIVISIONS = {
-    "turning": Division(
-        "yaw_deg", ("straight, by less than {:g} deg", "turning, by {:g} deg or more"), (5.0,)
-    ),
-    "speed": Division(
-        "speed_m_s", ("below {:g} m/s", "{:g} to {:g} m/s", "{:g} m/s or more"), (5.0, 10.0)
-    ),
-    "step": Division(
-        "step_m",
-        ("below {:g} m a frame", "{:g} to {:g} m a frame", "{:g} m a frame or more"),
-        (0.5, 1.0),
-    ),
-    "seen": Division(
-        "seen",
-        ("below {:.1%} seen before", "{:.1%} to {:.1%} seen before", "{:.1%} or more seen before"),
-    ),
-    "moving": Division(
-        "moving", ("below {:.1%} of pixels moving", "{:.1%} or more of pixels moving"), (0.01,)
-    ),
+DIVISIONS: Mapping[
+    str, tuple[str, tuple[float, ...]]
+] = {  # the attribute, and bounds of the strata
+    "turning": ("yaw_deg", (5.0,)),
+    "speed": ("speed_m_s", (5.0, 10.0)),
+    "step": ("step_m", (0.5, 1.0)),  # of two frames
+    "seen": ("seen", ()),  # fraction of pixels that were seen before; as many clips in each third
+    "moving": ("moving", (0.01,)),  # fraction of pixels
 }
 
 
 def divide(results: Results, by: str) -> list[Results]:
-    """Return a subset per stratum that has clips, and one of the clips whose fact is not known;
-    BadData where none is.
-    """
+    """Return a subset per stratum that has clips; raise BadData if the attribute is unknown."""
     if by not in DIVISIONS:
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, DIVISIONS)}")
-    division, clips = DIVISIONS[by], results.protocol()["clips"]
-    facts, source = _facts(results, division.fact)
-    known = {clip: facts[clip] for clip in clips if clip in facts}
-    if not known:
+    fact, bounds = DIVISIONS[by]
+    facts, source = _facts(results, fact)
+    if not facts:
         raise BadData(
-            f"{results.root} does not say {division.fact} of any clip, by which it could be "
-            "divided: the data set has "
-            "no true poses or depths, or an older version computed the methods (`geovp run "
-            "--fresh` recomputes them)"
+            f"{results.root} has no {fact} of any clip: the data set has no true poses or depths, "
+            "or an older version computed the methods (`geovp run --fresh` recomputes them)"
         )
-    bounds = division.bounds or tuple(np.quantile(list(known.values()), [1 / 3, 2 / 3]).tolist())
-    ranks = {
-        clip: int(np.searchsorted(bounds, value, side="right")) for clip, value in known.items()
-    }
-    limits = [bounds[max(rank - 1, 0) : rank + 1] for rank in range(len(bounds) + 1)]
-    labels = [
-        words.format(*ends) + source for words, ends in zip(division.words, limits, strict=True)
-    ]
-    labels.append(f"{division.fact} not known")
-    subsets = [
-        frozenset(c for c in clips if ranks.get(c, len(bounds) + 1) == rank)
-        for rank in range(len(labels))
-    ]
+    bounds = bounds or tuple(np.quantile(list(facts.values()), [1 / 3, 2 / 3]).tolist())
+    inner = [f"{low:.3g} to {high:.3g}" for low, high in itertools.pairwise(bounds)]
+    labels = [f"below {bounds[0]:.3g}", *inner, f"{bounds[-1]:.3g} or more", "unknown"]
+    clips: dict[str, list[str]] = {label: [] for label in labels}
+    for clip in results.protocol()["clips"]:
+        rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
+        clips[labels[rank]].append(clip)
     return [
-        replace(results, subset=subset, label=label)
-        for subset, label in zip(subsets, labels, strict=True)
-        if subset
+        replace(results, subset=frozenset(names), label=f"{fact} {label}{source}")
+        for label, names in clips.items()
+        if names
     ]
 
 
-def _facts(results: Results, fact: str) -> tuple[Mapping[str, float], str]:
-    """Return a fact by clip, and words on where it is from; without exact depth, what a method
-    covers was seen before.
-    """
-    facts = {
-        clip: numbers[fact] for clip, numbers in results.clip_facts().items() if fact in numbers
-    }
+def _facts(results: Results, fact: str) -> tuple[dict[str, float], str]:
+    """Return an attribute by clip, and the method that `seen` is taken from, in words."""
+    stored = results.clip_facts()
+    facts = {clip: numbers[fact] for clip, numbers in stored.items() if fact in numbers}
     if facts or fact != "seen":
         return facts, ""
-    for method in (
-        method
-        for method in results.select().methods()
-        if method.kind == "geometric" and method.status == "done"
-    ):
-        fractions = statistics.mean_of_samples(results.scores(method.name).values[COVERAGE])
-        means = statistics.over_steps(fractions).tolist()
-        facts = dict(zip(results.protocol()["clips"], means, strict=True))
-        return facts, f", as {method.label} covers it"
+    for method in results.select().methods():
+        if method.kind == "geometric" and method.status == "done":
+            samples = results.means(method.name)[COVERAGE]
+            covered = statistics.over_steps(samples).tolist()  # over samples
+            facts = dict(zip(results.protocol()["clips"], covered, strict=True))
+            return facts, f", as {method.label} covers it"
     return {}, ""
