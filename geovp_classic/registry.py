@@ -44,7 +44,6 @@ EXTRA_OF_MODULE = {
     "safetensors": "learned",
     "lightning": "learned",
     "dask": "cluster",
-    "rerun": "viz",
     "open3d": "volume",
     "av": "video",
     "argcomplete": "completion",

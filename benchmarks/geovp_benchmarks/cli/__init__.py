@@ -28,7 +28,6 @@ COMMANDS = (
     "report",
     "compare",
     "export",
-    "view",
     "predict",
     "poses",
     "forecast",

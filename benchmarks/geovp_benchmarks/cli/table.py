@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "Layout of a paper, next to its numbers: thesis or fvs20. Default: ours."
     add(group, "--paper", "NAME", text)
     group = add_group(parser, "output")
-    formats, spreads = ("md", "tex", "csv", "json"), ("interval", "standard-error")
-    text = "md, tex, csv or json. Default: md."
+    formats, spreads = ("md", "tex", "csv"), ("interval", "standard-error")
+    text = "md, tex or csv. Default: md."
     add(group, "--format", "FORMAT", text, "md", choices=formats)
     text = "interval or standard-error of each mean. Default: interval."
     add(group, "--spread", "SPREAD", text, "interval", choices=spreads)
@@ -55,8 +55,6 @@ def run(args: argparse.Namespace) -> int:
     if len(datasets) > 1:
         tables.append(side_by_side(results))
     match args.format:
-        case "json":
-            text = formats.as_json(tables)
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
         case "tex":

@@ -5,7 +5,7 @@
     <root>/<method>/method.json               components, privileged inputs, status; see Method
     <root>/<method>/scores/part-<hash>.parquet  a row per clip, sample, step and metric
     <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by the method's fingerprint
-    <root>/tables  plots  recordings  report.html
+    <root>/tables  plots  report.html
     <root>/datasets.json                      of several data sets: their labels
     <root>/<label>/                           of several data sets: each as above
 
@@ -239,10 +239,6 @@ class Results:
     def report(self) -> Path:
         """Return the file of the one-page report."""
         return self.root / "report.html"
-
-    def recording(self, clip: str) -> Path:
-        """Return the file of the Rerun recording of a kept clip."""
-        return self.root / "recordings" / f"{quoted(clip)}.rrd"
 
     # Writing
 

@@ -1,9 +1,8 @@
-"""Tables as Markdown, CSV and JSON, in a terminal and on pages of the documentation."""
+"""Tables as Markdown and CSV, in a terminal and on pages of the documentation."""
 
 import csv
 import datetime
 import io
-import json
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -12,7 +11,7 @@ from typing import Any
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.latex import latex
-from geovp_benchmarks.tables.table_model import MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Score, Table
 from geovp_classic.data.atomic import write_bytes
 
 
@@ -72,49 +71,25 @@ def grid(lines: Sequence[Sequence[str]]) -> list[str]:
 
 def comma_separated(table: Table) -> str:
     """Return unrounded numbers as CSV; nothing for those that are not known."""
-    stream = io.StringIO()
+    records = []
     for method in table.methods:
-        record = _record(table, method)
-        for key, numbers in record.pop("values").items():
-            for name, number in numbers.items():
-                record[f"{key}_{name}".removesuffix("_mean")] = number
-        writer = csv.DictWriter(stream, record, lineterminator="\n")
-        if method is table.methods[0]:
-            writer.writeheader()
-        writer.writerow(record)
-    return stream.getvalue()
-
-
-def as_json(tables: Sequence[Table]) -> str:
-    """Return unrounded numbers as JSON; null for those that are not known."""
-    content = [
-        {
-            "name": table.name,
-            "title": table.title,
-            "columns": {column.key: vars(column) for column in table.columns},
-            "rows": [_record(table, method) for method in table.methods],
-            "best": sorted(table.best),
-            "notes": table.notes,
+        record: dict[str, Any] = {
+            "method": method.label,
+            "privileged_inputs": method.marks,
+            "clips": method.num_clips,
+            "protocol": method.protocol,
         }
-        for table in tables
-    ]
-    return json.dumps(content, indent=2, ensure_ascii=False)
-
-
-def _record(table: Table, method: MethodScores) -> dict[str, Any]:
-    """Return the numbers of a method."""
-    values = {}
-    for column in table.columns:
-        numbers = dict(vars(method.scores.get(column.key) or Score(math.nan)))
-        del numbers["values"]
-        values[column.key] = {k: None if math.isnan(x) else x for k, x in numbers.items()}
-    return {
-        "method": method.label,
-        "privileged_inputs": method.marks,
-        "clips": method.num_clips,
-        "protocol": method.protocol,
-        "values": values,
-    }
+        for column in table.columns:
+            for name, number in vars(method.scores.get(column.key) or Score(math.nan)).items():
+                if name != "values":
+                    key = f"{column.key}_{name}".removesuffix("_mean")
+                    record[key] = "" if math.isnan(number) else number
+        records.append(record)
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, records[0] if records else (), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    return stream.getvalue()
 
 
 def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
