@@ -87,8 +87,7 @@ def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -
             continue
         kind, title = "horizon", stored_facts.title(metric)
         facts = facts_of(metric, material.protocol)
-        arrow = {True: " ↑", False: " ↓", None: ""}[facts.get("higher_is_better")]
-        y_label = f"{title} ({facts['unit']}){arrow}".replace(" ()", "")
+        y_label = stored_facts.labelled(title, facts)
         if options.by:
             kind, title = f"strata-{options.by}-{number}", f"{title}: {label}"
         if options.against:

@@ -1,10 +1,11 @@
 """The kept clips as films: one image that holds all frames of a method side by side."""
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-import cv2
 import numpy as np
 from PIL import Image
 
@@ -20,10 +21,23 @@ class Film:
 
     name: str
     notes: Sequence[str]
-    num_frames: int
-    aspect_ratio: float
-    image: bytes  # WebP
-    mask: bytes | None = None  # PNG that tints inpainted pixels
+    frames: ByteArray  # [K, H, W, 3]
+    covered: BoolArray | None = None  # [K, H, W], False where pixels are inpainted
+
+    @property
+    def image(self) -> bytes:
+        """Return the frames from left to right as WebP."""
+        return _encoded(_sheet(self.frames), "WEBP", quality=60)
+
+    @property
+    def mask(self) -> bytes | None:
+        """Return an image as PNG that tints inpainted pixels and is transparent elsewhere."""
+        if self.covered is None:
+            return None
+        grey = _sheet(np.where(self.covered, np.uint8(0), np.uint8(255)))
+        tint = Image.new("RGBA", grey.size, (214, 39, 160))  # pink, which streets do not have
+        tint.putalpha(grey.point(lambda value: 255 * (value > 127)))
+        return _encoded(tint, "PNG")
 
 
 @dataclass(frozen=True)
@@ -39,53 +53,33 @@ def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip
     """Return the kept clips that have predictions, those with the worst score first."""
     shown = []
     for name in material.clips:
-        films = _films(material, name)
+        films = list(_films(material, name))
         if len(films) > 1:
-            shown.append(ShownClip(name, headline.score(name) if headline else np.nan, films))
+            shown.append(ShownClip(name, headline.score(name) if headline else math.nan, films))
     sign = 1 if headline is None or headline.column.higher_is_better else -1
     return sorted(shown, key=lambda clip: np.nan_to_num(sign * clip.score, nan=np.inf))
 
 
-def encode_film(frames: ByteArray) -> bytes:
-    """Encode frames [K, H, W, 3] from left to right as WebP."""
-    return _encode(_sheet(frames), "WEBP")
-
-
-def encode_mask(covered: BoolArray) -> bytes:
-    """Encode uncovered pixels [K, H, W] from left to right as PNG, transparent elsewhere."""
-    is_inpainted = _sheet(np.where(covered, np.uint8(0), np.uint8(255))) > 127
-    pink = np.array([214, 39, 160, 255], np.uint8)  # a colour that streets do not have
-    return _encode(is_inpainted[..., None] * pink, "PNG")
-
-
-def _encode(image: ByteArray, kind: str) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, kind, quality=60)  # of WebP
-    return buffer.getvalue()
-
-
-def _films(material: Material, name: str) -> list[Film]:
+def _films(material: Material, name: str) -> Iterator[Film]:
+    """Yield the ground truth, then the predictions of a clip."""
     clip, last = material.results.clip(name), material.protocol["num_past"] - 1
-    films = [_film("ground truth", [], clip.frames[last:])]
+    yield Film("ground truth", [], clip.frames[last:])
     for method, prediction in material.predictions(name, material.methods):
         frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])
-        film = _film(method.label, clips.notes(material, method, name), frames)
-        if prediction.covered is not None:
-            covered = np.pad(prediction.covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
-            film = replace(film, mask=encode_mask(covered))
-        films.append(film)
-    return films
+        covered = prediction.covered
+        if covered is not None:
+            covered = np.pad(covered[0], ((1, 0), (0, 0), (0, 0)), constant_values=True)
+        yield Film(method.label, clips.notes(material, method, name), frames, covered)
 
 
-def _film(name: str, notes: Sequence[str], frames: ByteArray) -> Film:
-    num_frames, height_px, width_px = frames.shape[:3]
-    return Film(name, notes, num_frames, width_px / height_px, encode_film(frames))
-
-
-def _sheet(frames: ByteArray, width_px: int = 208) -> ByteArray:
+def _sheet(frames: ByteArray, width_px: int = 208) -> Image.Image:
     """Return frames [K, H, W, ...] side by side, each at most `width_px` wide."""
-    num_frames, full_height_px, full_width_px = frames.shape[:3]
-    scale = min(1.0, width_px / full_width_px)
-    size_px = num_frames * round(scale * full_width_px), max(1, round(scale * full_height_px))
-    sheet = np.concatenate(list(frames), axis=1)
-    return np.asarray(cv2.resize(sheet, size_px, interpolation=cv2.INTER_AREA), np.uint8)
+    sheet = Image.fromarray(np.concatenate(list(frames), axis=1))
+    sheet.thumbnail((len(frames) * width_px, sheet.height))
+    return sheet
+
+
+def _encoded(image: Image.Image, kind: str, **settings: Any) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, kind, **settings)
+    return buffer.getvalue()

@@ -27,19 +27,21 @@ class Headline:
         """Rank the methods of the main table; return None without a metric with a direction."""
         clips = protocol["clips"]
         columns = [column for column in table.columns if column.higher_is_better is not None]
-        columns.sort(key=lambda column: facts_of(column.key, protocol)["role"] != "frame")
-        for column in columns[:1]:
-            key, sign = column.key, -1.0 if column.higher_is_better else 1.0
-            methods = [
-                method
-                for method in table.methods
-                if key in method.scores
-                and method.num_clips == len(clips)
-                and not method.is_oracle_selected
-            ]
-            methods.sort(key=lambda method: sign * method.scores[key].mean)
-            return cls(column, facts_of(key, protocol)["unit"], methods, clips)
-        return None
+        if not columns:
+            return None
+        column = min(columns, key=lambda each: facts_of(each.key, protocol)["role"] != "frame")
+        key = column.key
+        methods = [
+            method
+            for method in table.methods
+            if key in method.scores
+            and method.num_clips == len(clips)
+            and not method.is_oracle_selected
+        ]
+        methods.sort(
+            key=lambda method: method.scores[key].mean, reverse=bool(column.higher_is_better)
+        )
+        return cls(column, facts_of(key, protocol)["unit"], methods, clips)
 
     def best(self, baseline: str, *, privileged: bool) -> MethodScores | None:
         """Return the best method other than the baseline with, or without, ground truth."""

@@ -33,6 +33,13 @@ def title(metric: str) -> str:
     return f"{words}, {pixels} pixels" if pixels else words
 
 
+def labelled(words: str, about: Mapping[str, Any]) -> str:
+    """Return words on a metric with its unit, and an arrow to its better values."""
+    unit = f" ({about['unit']})" if about.get("unit") else ""
+    arrow = {None: "", True: " ↑", False: " ↓"}[about.get("higher_is_better")]
+    return words + unit + arrow
+
+
 def bounds(about: Mapping[str, Any]) -> Bounds:
     """Return the lowest and highest value that a metric can have."""
     low, high = about.get("bounds") or (None, None)

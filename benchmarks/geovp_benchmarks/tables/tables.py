@@ -9,7 +9,7 @@ import numpy as np
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import legend, summary, title
+from geovp_benchmarks.results.stored_facts import labelled, legend, summary, title
 from geovp_benchmarks.tables.scores import facts_of, method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
@@ -149,12 +149,10 @@ def table_of(
     for key, words in headings.items():
         facts = facts_of(key, protocol)
         direction = facts.get("higher_is_better")
-        unit = f" ({facts['unit']})" if facts.get("unit") else ""
-        arrow = {None: "", True: " ↑", False: " ↓"}[direction]
         means = [abs(method.scores[key].mean) for method in methods if key in method.scores]
         decimals = 2 if max(means, default=0) >= 10 else 3
         is_unavailable = bool(facts.get("unavailable"))
-        columns.append(Column(key, words + unit + arrow, direction, decimals, is_unavailable))
+        columns.append(Column(key, labelled(words, facts), direction, decimals, is_unavailable))
     bold = best(methods, columns, protocol["clips"])
     return Table(name, f"{protocol['name']}: {heading}", columns, methods, best=bold)
 

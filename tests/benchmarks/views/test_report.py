@@ -149,7 +149,8 @@ class TestFilms:
     def test_inpainted_pixels_are_marked_and_others_let_through(self) -> None:
         covered = np.ones((2, 16, 16), bool)
         covered[1, :, :4] = False
-        image = np.asarray(Image.open(io.BytesIO(films.encode_mask(covered))).convert("RGBA"))
+        film = films.Film("a", [], np.zeros((2, 16, 16, 3), np.uint8), covered)
+        image = np.asarray(Image.open(io.BytesIO(film.mask)).convert("RGBA"))
         np.testing.assert_array_equal(image[..., 3] > 0, np.concatenate(~covered, axis=1))
         np.testing.assert_array_equal(image[0, 16], [214, 39, 160, 255])
 
