@@ -7,6 +7,7 @@ Past poses are measurements of (x, z, yaw); the future is predicted without meas
 import functools
 import tomllib
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Literal
 
 import numpy as np
@@ -111,14 +112,12 @@ class TurnRateKalman(PlanarForecaster):
         ahead_s: FloatArray,  # [F]
     ) -> Modes:
         """Return one mode: the predicted mean and covariance at every time."""
-        belief = self._present(past, plane)
-        means = []
-        covariances = []
-        for dt_s in np.diff(ahead_s, prepend=0.0):
-            belief = self.prediction(belief, dt_s)
-            means.append(belief[0][:3])
-            covariances.append(belief[1][:3, :3])
-        return np.ones(1), np.stack(means)[None], np.stack(covariances)[None]
+        steps_s = np.diff(ahead_s, prepend=0.0)
+        present = self._present(past, plane)
+        _, *beliefs = accumulate(steps_s, self.prediction, initial=present)
+        means = np.stack([state[:3] for state, _ in beliefs])
+        covariances = np.stack([matrix[:3, :3] for _, matrix in beliefs])
+        return np.ones(1), means[None], covariances[None]
 
     def paths(
         self,

@@ -27,11 +27,11 @@ from geovp_classic.types.clips import (
     Clip,
     Context,
     ExtraView,
+    Observations,
     PrivilegedInput,
     Target,
 )
 from geovp_classic.types.motion import Intrinsics, Motion, Trajectory
-from geovp_classic.types.observations import Observations
 from geovp_classic.types.predictions import Prediction, Views
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Clips, and their two parts: the context of a predictor, and the target."""
+"""Clips, and their two parts: the context of a predictor with its observations, and the target."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from geovp_classic.types.arrays import (
     take,
 )
 from geovp_classic.types.motion import Intrinsics, Trajectory
-from geovp_classic.types.observations import Observations
 
 
 class PrivilegedInput(enum.Flag):
@@ -125,6 +124,31 @@ class Clip(ShortRepr):
             moving=take(self.moving, future),
         )
         return context.only(needs), target
+
+
+@dataclass(frozen=True, repr=False)
+class Observations(ShortRepr):
+    """The observed frames of one image stream, reduced to the scene, in grey, and screened."""
+
+    frames: ByteArray  # [P, H, W, 3]
+    greys: ByteArray  # [P, H, W]
+    is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
+    intrinsics: Intrinsics
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.frames)[:3]
+        store_checked(self, "frames", np.uint8, (*shape, 3))
+        store_checked(self, "greys", np.uint8, shape)
+        store_checked(self, "is_usable", bool, shape[:1])
+
+    def __getitem__(self, steps: slice | BoolArray) -> Observations:
+        """Return the observations of the steps of a slice or a mask [P]."""
+        return Observations(
+            self.frames[steps],
+            self.greys[steps],
+            self.is_usable[steps],
+            self.intrinsics,
+        )
 
 
 @dataclass(frozen=True, repr=False)
