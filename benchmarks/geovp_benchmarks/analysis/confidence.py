@@ -1,6 +1,4 @@
-"""Whether a row's confidence ranks its errors: Spearman correlations over stored
-clips and steps.
-"""
+"""Spearman correlations of confidence with scores, over stored clips and steps."""
 
 from dataclasses import dataclass
 
@@ -8,16 +6,12 @@ import numpy as np
 
 from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Results
-from geovp_classic.errors import BadData
-from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Rank correlations with the metric (1: higher values have the better scores); NaN where not
-    defined.
-    """
+    """Rank correlations with a metric: 1 if higher values have better scores; NaN: not defined."""
 
     label: str
     num_clips: int
@@ -28,24 +22,13 @@ class Ranking:
     def texts(self) -> tuple[str, ...]:
         """Return the cells of a table."""
         numbers = (self.by_confidence, self.by_step, self.among_clips)
-        return (
-            self.label,
-            str(self.num_clips),
-            *(f"{one:.2f}" if np.isfinite(one) else "-" for one in numbers),
-        )
+        texts = (f"{number:.2f}" if np.isfinite(number) else "-" for number in numbers)
+        return (self.label, str(self.num_clips), *texts)
 
 
 def rankings(results: Results, metric: str) -> list[Ranking]:
-    """Return a ranking for each method that has confidences.
-
-    Raises BadData for a metric that is not stored or has no direction.
-    """
-    metrics = results.protocol()["metrics"]
-    known = [name for name, about in metrics.items() if about.get("higher_is_better") is not None]
-    name = metric.partition("@")[0]
-    if name not in known:
-        raise BadData(f"{results.root} cannot be ranked by {metric!r}{nearest(metric, known)}")
-    sign = 1.0 if metrics[name]["higher_is_better"] else -1.0
+    """Return a ranking by a metric that has a direction for each method that has confidences."""
+    sign = 1.0 if results.protocol()["metrics"][metric]["higher_is_better"] else -1.0
     found = []
     for method in results.methods():
         stored, failed = results.scores(method.name), results.failures(method.name)
@@ -71,9 +54,7 @@ def _ranking(label: str, confidence: FloatArray, score: FloatArray) -> Ranking:
 
 
 def spearman(one: FloatArray, other: FloatArray) -> float:
-    """Return Spearman's rank correlation over the values that both have; NaN where either
-    does not vary.
-    """
+    """Return Spearman's rank correlation of finite values; NaN if either is constant."""
     both = np.isfinite(one) & np.isfinite(other)
     if both.sum() < 2 or np.ptp(one[both]) == 0 or np.ptp(other[both]) == 0:
         return float("nan")
