@@ -72,7 +72,7 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
     ("old", "new", "says"),
     [
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
-        ("copy-last = {", f"{'x' * 300} = {{", "expected at most 96 letters, digits and"),
+        ("copy-last = {", f"{'x' * 300} = {{", "should match pattern"),
         ("[32, 32]", "[30000, 30000]", "5 frames of 30000x30000 pixels: lower"),
         ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
         (
@@ -80,8 +80,8 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
             "intrinsics = [nan",
             "protocol.dataset.intrinsics[0] is nan, expected a finite number",
         ),
-        ("stride = 3", f"stride = {'9' * 30}", "expected a whole number of 1 or more"),
-        ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "expected a whole number of 1 or more"),
+        ("stride = 3", f"stride = {'9' * 30}", "expected less than"),
+        ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "expected a valid integer"),
         ("stride = 3", f"stride = {'[' * 2000}{']' * 2000}", "is not TOML"),
     ],
 )
@@ -223,7 +223,7 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
     ("content", "says"),
     [
         ('{"methods": ["../../etc"], "clips": []}', "'../../etc' leads out of its folder"),
-        ('{"methods": [], "clips": []}', "protocol.json has no '"),
+        ('{"methods": [], "clips": []}', "is missing"),
         ('{"methods": ' + "[" * 100_000, "protocol.json is not JSON"),
         ("{", "protocol.json is not JSON"),
     ],

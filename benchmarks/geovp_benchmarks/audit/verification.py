@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.matrix.values import validated
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
+from geovp_benchmarks.results.validation import validated
 from geovp_benchmarks.running.task import Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput

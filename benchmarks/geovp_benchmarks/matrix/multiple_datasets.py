@@ -10,7 +10,8 @@ from typing import Any
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.matrix.values import FolderName, Spec, Specs, validated
+from geovp_benchmarks.matrix.values import FolderName, Spec, Specs
+from geovp_benchmarks.results.validation import validated
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 

@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from geovp_benchmarks.matrix.values import Spec, Specs, validated
+from geovp_benchmarks.matrix.values import Spec, Specs
+from geovp_benchmarks.results.validation import validated
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
 

@@ -12,16 +12,15 @@ from geovp_benchmarks.matrix import files, protocols
 from geovp_benchmarks.matrix.values import (
     Count,
     Device,
-    Expected,
     FolderName,
     IsNamed,
     Size,
     Spec,
     Specs,
     check_storable,
-    validated,
 )
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
+from geovp_benchmarks.results.validation import validated
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import PrivilegedInput
@@ -83,7 +82,7 @@ class MetricsTable(Table):
     frame: Specs = {name: {"name": name} for name in ("psnr", "ssim", "lpips")}
     trajectory: Specs = {name: {"name": name} for name in ("translation-error", "rotation-error")}
     # frame metrics that are repeated without the rotation error
-    stabilised: Annotated[list[str], Expected('a list of frame metrics such as ["psnr"]')] = []
+    stabilised: list[str] = []
 
 
 class ComponentTables(Table):

@@ -1,12 +1,12 @@
 """Records of results in JSON: protocol.json, method.json and datasets.json."""
 
-import functools
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict
 from typing_extensions import TypedDict
 
+from geovp_benchmarks.results.validation import validated
 from geovp_classic import files
 from geovp_classic.errors import BadData
 
@@ -41,7 +41,7 @@ class Record(dict[str, Any]):
 
     def __missing__(self, key: str) -> Any:
         """Raise BadData that names the key and the file."""
-        raise BadData(f"{self.path} has no {key!r}: restore it, or remove it and run again")
+        raise BadData(f"{self.path}: {key} is missing: restore it, or remove it and run again")
 
 
 class Method(BaseModel):
@@ -107,22 +107,9 @@ def read_labels(path: Path) -> list[str]:
     return labels
 
 
-@functools.cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    """Return the validator of a type, which takes milliseconds to build."""
-    return TypeAdapter(kind)
-
-
 def _validated(kind: Any, content: Any, path: Path) -> Any:
-    """Return validated content; raise BadData that states the key, its value and its type."""
+    """Return the validated content of a file; raise BadData that names the file and the key."""
     try:
-        return _adapter(kind).validate_python(content)
-    except ValidationError as error:
-        problem = error.errors()[0]
-        key = str([*problem["loc"], "datasets"][0])
-        advice = "restore it, or remove it and run again"
-        if problem["type"] == "missing":
-            raise BadData(f"{path} has no {key!r}: {advice}") from None
-        expected = problem["msg"].removeprefix("Input should be ")
-        value = f"{str(problem['input'])[:60]!r}, expected {expected}"
-        raise BadData(f"{path}: {key} is {value}: {advice}") from None
+        return validated(kind, content)
+    except BadData as problem:
+        raise BadData(f"{path}: {problem}: restore it, or remove it and run again") from None
