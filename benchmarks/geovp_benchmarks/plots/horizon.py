@@ -68,9 +68,12 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
-    stored = {name: None for scores in material.scores.values() for name in scores.values}
     order = list(material.protocol["metrics"])
-    return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0])))
+    scores = [material.results.scores(method.name).values for method in material.methods]
+    return sorted(
+        {name for values in scores for name in values},
+        key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name),
+    )
 
 
 @context(SHEET)

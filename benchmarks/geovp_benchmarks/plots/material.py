@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots.style import Options
-from geovp_benchmarks.results.store import Method, Results, Scores
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import marks
 from geovp_classic.types import FloatArray, Prediction
 
@@ -21,7 +21,6 @@ class Material:
     results: Results
     protocol: Mapping[str, Any]
     methods: Sequence[Method]  # that have scores
-    scores: Mapping[str, Scores]  # by method
     reference: Method | None  # that the others are compared with
 
     @classmethod
@@ -32,13 +31,12 @@ class Material:
             (reference,) = results.select(options.against).methods()
             if reference not in methods:
                 methods.append(reference)
-        scores = {method.name: results.scores(method.name) for method in methods}
-        return cls(results, results.protocol(), methods, scores, reference)
+        return cls(results, results.protocol(), methods, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
         empty = np.full((len(self.protocol["clips"]), 1, self.protocol["num_future"]), np.nan)
-        return self.scores[method.name].values.get(metric, empty)
+        return self.results.scores(method.name).values.get(metric, empty)
 
     def shown(self, max_methods: int) -> list[Method]:
         """Return the methods of a figure: copy-last, the best without ground truth, best others.

@@ -133,6 +133,7 @@ class Results:
             sums["status"] = "partial"
         return method.model_copy(update=sums)
 
+    @_remembered
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
 
