@@ -105,16 +105,14 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
                 raise GeovpError(component.reason)
         recomputed = _recompute(pair, matrix)
         stored = _values(pair.results.scores(pair.method.name), pair.clip)
-        differences = _differences(stored, recomputed)
-        problems, remarks = [], []
-        for name in pair.record.metrics:
-            if reason := built.metrics.about[name]["unavailable"]:
-                problems.append(f"{name} cannot be compared: {reason}")
-                differences = {
-                    key: value
-                    for key, value in differences.items()
-                    if key.partition("@")[0] != name
-                }
+        reasons = {name: built.metrics.about[name]["unavailable"] for name in pair.record.metrics}
+        problems = [f"{name} cannot be compared: {why}" for name, why in reasons.items() if why]
+        differences = {
+            name: difference
+            for name, difference in _differences(stored, recomputed).items()
+            if not reasons.get(name.partition("@")[0])
+        }
+        remarks = []
         if differences and _differences(recomputed, _recompute(pair, matrix)):
             remarks.append("not deterministic: two computations here differ as well")
         if (code := built.code(plan)) != pair.record.code:
@@ -174,9 +172,8 @@ def _differences(stored: Values, recomputed: Values) -> dict[str, float]:
     """Return the largest difference of each metric with values that are not identical."""
     differences: dict[str, float] = {}
     for key in stored.keys() | recomputed.keys():
-        value, other = stored.get(key, math.nan), recomputed.get(key, math.nan)
-        if value != other:
-            difference = abs(value - other)
-            difference = math.inf if math.isnan(difference) else difference
+        is_in_both = key in stored and key in recomputed
+        difference = abs(stored[key] - recomputed[key]) if is_in_both else math.inf
+        if difference > 0:
             differences[key[0]] = max(differences.get(key[0], 0.0), difference)
     return differences

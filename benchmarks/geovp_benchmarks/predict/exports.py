@@ -36,14 +36,18 @@ def write(predicted: Predicted, folder: Path) -> list[Path]:
     with atomic_write(folder) as scratch:
         write_images(scratch / "seen", past_names, context.frames)
         for sample, frames in enumerate(prediction.frames):
-            images = _sample_folder(scratch, sample) if sample else scratch / "frames"
-            write_images(images, future_names, frames)
+            target = scratch / "samples" / f"{sample:03d}" if sample else scratch
+            write_images(target if sample else scratch / "frames", future_names, frames)
+            if motion is not None:
+                _write_poses(motion, sample, context.times_s, target)
         _write_videos(predicted, scratch)
-        if motion is not None:
-            _write_poses(motion, context.times_s, scratch)
         if motion is not None and scene is not None:
             _write_scene(predicted, scene, motion, names, scratch)
-        about = json.dumps(predicted.about(), indent=2, default=_plain)
+        about = json.dumps(
+            predicted.about(),
+            indent=2,
+            default=lambda x: x.tolist() if hasattr(x, "tolist") else str(x),
+        )
         (scratch / "predict.json").write_text(about + "\n")
     return sorted(folder.iterdir())
 
@@ -83,15 +87,6 @@ def write_depths(
     (folder / "scale.txt").write_text(text)
 
 
-def _plain(value: object) -> object:
-    """Return a value that JSON has no form for as lists and numbers, or as text."""
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
-
-
-def _sample_folder(folder: Path, sample: int) -> Path:
-    return folder / "samples" / f"{sample:03d}" if sample else folder
-
-
 def _write_videos(predicted: Predicted, folder: Path) -> None:
     observed, frames = predicted.context.frames, predicted.prediction.frames[0]
     rows = {"predicted": frames, "real": predicted.actual} | predicted.shown
@@ -108,14 +103,12 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     video.write_gif(folder / "film.gif", film, rate_hz)
 
 
-def _write_poses(motion: Motion, times_s: FloatArray, folder: Path) -> None:
-    """Write the observed and future path of each sample."""
-    for sample, future in enumerate(motion.futures):
-        poses = np.concatenate([motion.past.world_from_cam, future])
-        path = Trajectory(poses, times_s, motion.past.is_metric)
-        target = _sample_folder(folder, sample)
-        pose_files.write_kitti(target / "poses.kitti.txt", path)
-        pose_files.write_tum(target / "poses.tum.txt", path)
+def _write_poses(motion: Motion, sample: int, times_s: FloatArray, folder: Path) -> None:
+    """Write the observed and future path of a sample."""
+    poses = np.concatenate([motion.past.world_from_cam, motion.futures[sample]])
+    path = Trajectory(poses, times_s, motion.past.is_metric)
+    pose_files.write_kitti(folder / "poses.kitti.txt", path)
+    pose_files.write_tum(folder / "poses.tum.txt", path)
 
 
 def _write_scene(
