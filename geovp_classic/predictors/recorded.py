@@ -22,11 +22,11 @@ from geovp_classic.types import (
 class Recorded:
     """Predictions of other software, stored by the name of the clip.
 
-    For a clip "03/000180", `path` holds one of: 03/000180.npz with `frames` (uint8 [F, H, W, 3], or
-    [S, F, H, W, 3]) and optionally `covered` (bool, without the 3); a video 03/000180.mp4 (avi,
-    mkv, mov, webm) of F frames; a folder 03/000180 of F images in the order of their names, or of S
-    such folders. `poses` may hold 03/000180.txt, in the format of KITTI or TUM, with a pose for
-    each past and future frame in any world frame; `poses_are_metric` states whether in metres.
+    For a clip "03/000180", `path` holds 03/000180.npz with `frames` (uint8 [F, H, W, 3], or
+    [S, F, H, W, 3]) and optionally `covered` (bool, without the 3), or a folder 03/000180 of F
+    images in the order of their names. `poses` may hold 03/000180.txt, in the format of KITTI or
+    TUM, with a pose for each past and future frame in any world frame; `poses_are_metric` states
+    whether in metres.
     """
 
     path: Path
@@ -68,13 +68,12 @@ class Recorded:
             raise BadData(f"{path}: {error}") from error
 
     def _find(self, name: str) -> Path:
-        suffixes = (".npz", ".mp4", ".avi", ".mkv", ".mov", ".webm", "")
-        paths = [self.path / f"{name}{suffix}" for suffix in suffixes]
-        paths = [path for path in paths if path.exists()]
+        candidates = self.path / f"{name}.npz", self.path / name
+        paths = list(filter(Path.exists, candidates))
         if not name or len(paths) != 1:
             raise BadData(
-                f"{self.path} has {len(paths)} predictions of clip {name!r}, expected one .npz, "
-                f"video or folder of images at {self.path / name}"
+                f"{self.path} has {len(paths)} predictions of clip {name!r}, expected one .npz "
+                f"or folder of images at {self.path / name}"
             )
         return paths[0]
 
@@ -100,23 +99,9 @@ class Recorded:
         )
 
 
-def _read_images(path: Path) -> ByteArray:
-    """Read frames [F, H, W, 3] of a video or folder, or [S, F, H, W, 3] of a folder of folders."""
-    if path.is_file():
-        video = frames.VideoFrames(path)
-        return _stack(path, [video.read(index) for index in range(len(video))])
-    samples = sorted(child for child in path.iterdir() if child.is_dir())
-    if samples:
-        return _stack(path, [_read_images(sample) for sample in samples])
-    return _stack(
-        path, [frames.read_image(image) for image in frames.image_files(path)]
-    )
-
-
-def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
-    try:
-        return np.stack(images)
-    except ValueError as error:
-        raise BadData(
-            f"{path} holds {len(images)} images or samples, expected one or more of one size"
-        ) from error
+def _read_images(folder: Path) -> ByteArray:
+    """Read frames [F, H, W, 3] of a folder."""
+    paths = frames.image_files(folder)
+    expected = "expected one or more images of one size"
+    with files.checked(f"{folder} holds {len(paths)} images", expected):
+        return np.stack([frames.read_image(path) for path in paths])

@@ -160,31 +160,12 @@ class TestRecorded:
         np.testing.assert_array_equal(prediction.frames, frames[None])
         assert prediction.covered is prediction.motion is None
 
-    def test_folder_of_samples(self, folder: Path, context: Context, frames: ByteArray) -> None:
-        samples = np.stack([frames + np.uint8(sample) for sample in range(3)])
-        for index, sample in enumerate(samples):
-            write_images(folder / "03/000180" / f"sample{index}", sample)
-        prediction = Recorded(folder).predict(context, num_samples=2)
-        np.testing.assert_array_equal(prediction.frames, samples[:2])
-
     def test_npz(self, folder: Path, context: Context, frames: ByteArray) -> None:
         covered = frames[..., 0] > 100
         np.savez(folder / "03/000180.npz", frames=frames, covered=covered)
         prediction = Recorded(folder).predict(context, num_samples=100)
         np.testing.assert_array_equal(prediction.frames, frames[None])
         np.testing.assert_array_equal(prediction.covered, covered[None])
-
-    def test_video(self, folder: Path, context: Context) -> None:
-        camera = Intrinsics(50.0, 50.0, 31.5, 23.5, 64, 48)
-        larger = np.zeros((NUM_PAST, 48, 64, 3), np.uint8)
-        codec = cv2.VideoWriter_fourcc(*"MJPG")
-        writer = cv2.VideoWriter(str(folder / "03/000180.avi"), codec, 10, (64, 48))
-        for level in (40, 120, 200):
-            writer.write(np.full((48, 64, 3), level, np.uint8))
-        writer.release()
-        prediction = Recorded(folder).predict(replace(context, frames=larger, intrinsics=camera))
-        levels = prediction.frames[0].mean(axis=(1, 2, 3))
-        np.testing.assert_allclose(levels, [40, 120, 200], atol=3)
 
     @pytest.mark.parametrize("write", [pose_files.write_kitti, pose_files.write_tum])
     def test_poses(
@@ -232,7 +213,7 @@ class TestInvalidRecords:
             ([], "has 0 predictions of clip '03/000180'"),
             (["03/000180/8.png", "03/000180.npz"], "has 2 predictions"),
             (["03/000180.npz"], r"000180\.npz cannot be read"),
-            (["03/000180/8.png", "03/000180/9.png"], "expected one or more of one size"),
+            (["03/000180/8.png", "03/000180/9.png"], "expected one or more images of one size"),
             (["03/000180/notes.txt"], "holds 0 images"),
         ],
     )
