@@ -93,14 +93,9 @@ def read_json(path: Path) -> dict[str, Any]:
 def json_bytes(value: Mapping[str, Any]) -> bytes:
     """Encode an object as a JSON file; raise BadData for a path or name that is not UTF-8."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
-    try:
+    advice = "give folders and files other names"
+    with checked("a path or name is not text in UTF-8", advice):
         return f"{text}\n".encode()
-    except UnicodeEncodeError as problem:
-        start = max(problem.start - 20, 0)
-        context = text[start : problem.end]
-        raise BadData(
-            f"...{context!r} is not text in UTF-8: give folders and files other names"
-        ) from problem
 
 
 def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
@@ -113,17 +108,6 @@ def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
         if damaged := archive.zip.testzip():
             raise ValueError(f"the checksum of {damaged} is wrong")
         return dict(archive)
-
-
-def finite_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """Read an npz file of coefficients; raise BadData for a number that is not finite."""
-    arrays = read_npz(path)
-    for name, array in arrays.items():
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise BadData(
-                f"{path}: {name} has a number that is not finite: write the file again"
-            )
-    return arrays
 
 
 def _check_sum(path: Path, file: io.BufferedIOBase) -> None:

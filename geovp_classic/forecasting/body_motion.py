@@ -164,7 +164,7 @@ def over_plane(
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
     source = path or files.PACKAGED / "body_motion.npz"
-    arrays = files.finite_arrays(source)
+    arrays = files.read_npz(source)
     advice = "fit one with `benchmarks/studies fitting`"
     with files.checked(f"{source} holds no body motion", advice):
         names = ("scale", "weights", "spread", "degrees")
