@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.rendering.inpainting import inpaint_each
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
@@ -25,5 +23,7 @@ class NearestBackground:
     def _inpaint_frame(
         self, frame: ByteArray, covered: BoolArray, depth: FloatArray
     ) -> ByteArray:
-        copied = background_pixels(covered, depth)
-        return np.take(frame.reshape(-1, 3), copied, axis=0)
+        copied = background_pixels(covered, depth)[~covered]
+        inpainted = frame.copy()
+        inpainted[~covered] = frame.reshape(-1, 3)[copied]
+        return inpainted

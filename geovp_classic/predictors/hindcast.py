@@ -122,9 +122,9 @@ class CheckedScene:
         is_last = shift.max(axis=(1, 2)) < 1e-9  # rounding
         is_last |= not self.is_trusted
         is_copied = self.mask | is_last[:, None, None]
-        frames = views.frames.copy()
-        step, row, column = np.nonzero(is_copied)
-        frames[step, row, column] = self.last[row, column]
+        if not is_copied.any():
+            return views
+        frames = np.where(is_copied[..., None], self.last, views.frames)
         return Views(frames, views.covered | is_copied, views.depths)
 
 

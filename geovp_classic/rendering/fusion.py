@@ -152,16 +152,16 @@ def close_cracks(
 
     In each round the pixels of gaps take the farthest of their four neighbours.
     """
-    is_seen = (source_index != NO_INDEX).astype(np.uint8)
-    size_px = 2 * crack_px + 1
-    kernel = np.ones((size_px, size_px), np.uint8)
-    is_gap = cv2.morphologyEx(is_seen, cv2.MORPH_CLOSE, kernel) > is_seen
-    known_depth = np.where(is_seen, inverse_depth, np.float32(np.inf))
-    padded = np.pad(known_depth, 1, constant_values=np.inf)
-    depth = padded.ravel()
-    index = np.pad(source_index, 1, constant_values=NO_INDEX).ravel()
-    gaps = np.flatnonzero(np.pad(is_gap, 1))
-    width = padded.shape[1]
+    is_seen = (source_index != NO_INDEX).view(np.uint8)
+    kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
+    is_gap = cv2.morphologyEx(is_seen, cv2.MORPH_CLOSE, kernel) - is_seen
+    border = (1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    closed_index = cv2.copyMakeBorder(source_index, *border, value=NO_INDEX)
+    closed_depth = cv2.copyMakeBorder(inverse_depth, *border)
+    closed_depth[closed_index == NO_INDEX] = np.inf
+    gaps = np.flatnonzero(cv2.copyMakeBorder(is_gap, *border).view(bool))
+    depth, index = closed_depth.ravel(), closed_index.ravel()
+    width = closed_index.shape[1]
     for _ in range(2 * crack_px):
         background = gaps - width
         for neighbour in (gaps + width, gaps - 1, gaps + 1):
@@ -170,10 +170,8 @@ def close_cracks(
         depth[gaps] = depth[background]
         index[gaps] = index[background]
         gaps = gaps[index[gaps] == NO_INDEX]
-    closed_depth = depth.reshape(padded.shape)[1:-1, 1:-1]
-    closed_index = index.reshape(padded.shape)[1:-1, 1:-1]
-    is_open = closed_index == NO_INDEX
-    return np.where(is_open, np.float32(-1), closed_depth), closed_index
+    closed_depth[closed_index == NO_INDEX] = -1
+    return closed_depth[1:-1, 1:-1], closed_index[1:-1, 1:-1]
 
 
 def smooth(
