@@ -142,7 +142,7 @@ def execute(page: Path, namespace: types.ModuleType) -> None:
 def check_matrix(block: Block, root: Path | None = None) -> None:
     """Parse and build a matrix with its data set and all its components."""
     for parsed in multiple_datasets.parse("page", block.toml, root).values():
-        built = build_matrix(parsed.to_json())
+        built = build_matrix(parsed.model_dump_json())
         assert built.clip_names, block
         failures = [part for part in built.components.values() if isinstance(part, Failure)]
         assert not failures or not HAS_TORCH, f"{block}: {failures}"

@@ -256,7 +256,7 @@ READERS: dict[str, Reader] = {
     "split": Reader(
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),
-    "matrix": Reader(text("m.toml", MATRIX), lambda path: schema.read(path).to_json()),
+    "matrix": Reader(text("m.toml", MATRIX), lambda path: schema.read(path).model_dump_json()),
     "png": Reader(image("a.png"), frames.read_image, has_checksum=True),
     "depth": Reader(image("d.png", NOISE[..., 0]), frames.read_depth, has_checksum=True),
     "jpg": Reader(image("a.jpg"), frames.read_image),

@@ -136,7 +136,7 @@ def test_a_matrix_follows_a_protocol_by_name() -> None:
     assert parsed.dataset["root"] == "raw"
     assert parsed.dataset["name"] == "kitti-raw"
     assert list(parsed.frame_metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
-    assert schema.Matrix.from_json(parsed.to_json()) == parsed
+    assert schema.Matrix.model_validate_json(parsed.model_dump_json()) == parsed
 
 
 def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:

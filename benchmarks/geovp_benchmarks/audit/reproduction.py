@@ -25,7 +25,9 @@ def read_matrix(
             nearest = registry.nearest(key, matrix.predictors)
             raise BadData(f"--methods {key}: no method of {matrix.name}{nearest}")
     if methods:
-        matrix = matrix.replace(predictors=predictors, pose_sources={}, renderers={})
+        matrix = matrix.model_copy(
+            update={"predictors": predictors, "pose_sources": {}, "renderers": {}}
+        )
     if samples is None:
         return matrix
     limited = {
@@ -34,4 +36,4 @@ def read_matrix(
         )
         for key, entry in matrix.predictors.items()
     }
-    return matrix.replace(predictors=limited)
+    return matrix.model_copy(update={"predictors": limited})

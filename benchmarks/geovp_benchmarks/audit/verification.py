@@ -98,7 +98,7 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
     announce(f"{pair.clip}, {pair.method.label}")
     try:
         matrix = _matrix(pair.results, root, pair)
-        built = build_matrix(matrix.to_json())
+        built = build_matrix(matrix.model_dump_json())
         (plan,) = matrix.methods
         for component in built.components_of(plan).values():
             if isinstance(component, Failure):
@@ -150,7 +150,7 @@ def _recompute(pair: Pair, matrix: Matrix) -> Values:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
     index = pair.results.protocol()["clips"].index(pair.clip)
     fingerprints = {matrix.methods[0]: pair.method.fingerprint}
-    task = Task(matrix.to_json(), pair.results.root, index, pair.clip, fingerprints)
+    task = Task(matrix.model_dump_json(), pair.results.root, index, pair.clip, fingerprints)
     [(scores, record)] = score_clip(task)
     if record.failures and pair.clip not in pair.record.failures:
         raise GeovpError(record.failures[pair.clip].reason)

@@ -166,19 +166,6 @@ class Matrix(ProtocolTable, ComponentTables):
             for name, component in getattr(self, role).items()
         }
 
-    def to_json(self) -> str:
-        """Return the matrix as text, for another process."""
-        return self.model_dump_json()
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the matrix that `to_json` wrote."""
-        return cls.model_validate_json(text)
-
-    def replace(self, **fields: Any) -> Self:
-        """Return the matrix with other values of some fields."""
-        return self.model_copy(update=fields)
-
     def with_root(self, root: Path | str | None) -> Self:
         """Return the matrix with another root of its data set, or with $VARIABLES expanded."""
         given = self.dataset.get("root")
@@ -189,11 +176,13 @@ class Matrix(ProtocolTable, ComponentTables):
                     f"protocol.dataset.root is {given!r}, which is not set: set it, or give "
                     "--root FOLDER"
                 )
-        return self if root is None else self.replace(dataset=self.dataset | {"root": str(root)})
+        if root is None:
+            return self
+        return self.model_copy(update={"dataset": self.dataset | {"root": str(root)}})
 
     def with_device(self, device: str | None) -> Self:
         """Return the matrix with another device, if one is given."""
-        return self if device is None else self.replace(device=device)
+        return self if device is None else self.model_copy(update={"device": device})
 
     def build_dataset(self, needs: PrivilegedInput) -> Any:
         """Build the data set with the protocol's clips and the views that components need."""

@@ -133,7 +133,7 @@ class Plan:
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
-        matrix, root = self.built.matrix.to_json(), self.results.root
+        matrix, root = self.built.matrix.model_dump_json(), self.results.root
         for index, clip in enumerate(self.clips):
             fingerprints = {
                 method: self.records[method]["fingerprint"]
@@ -147,7 +147,7 @@ class Plan:
 def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once; nothing is written."""
     build_matrix.cache_clear()  # packages or weights may have been installed
-    built = build_matrix(matrix.to_json())
+    built = build_matrix(matrix.model_dump_json())
     clips = built.clip_names[: options.limit]
     if not clips:
         raise BadData(

@@ -2,18 +2,22 @@
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent import futures
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
-from geovp_benchmarks.running.locking import results_lock
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
 from geovp_benchmarks.running.selection import rank
 from geovp_benchmarks.running.task import Scored, score_clip
+from geovp_classic.errors import BadData
 
 logger = logging.getLogger(__name__)
 
@@ -33,6 +37,35 @@ def run(
         if ":" in options.keep:
             compute_missing(replace(plan, kept=rank(options.keep, results)), executor, progress)
     return results.methods()
+
+
+@contextmanager
+def results_lock(results: Results, protocol: Mapping[str, Any]) -> Iterator[None]:
+    """Hold a results folder; the lock ends with the process.
+
+    Waits for a run of the same protocol; raises BadData during a run of another protocol.
+    """
+    root = results.root
+    root.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(root / ".lock")
+    with suppress(NotImplementedError):  # a file system without locks
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            running = results.protocol() if results.begun else protocol
+            if any(running[key] != protocol[key] for key in ("fingerprint", "methods", "clips")):
+                raise BadData(
+                    f"{root} is in use by a run with another protocol or other methods: wait until "
+                    "it has ended, or give another folder with --out"
+                ) from error
+            logger.warning("waiting for another run in %s", root)
+            lock.acquire()
+    try:
+        for scratch in [*root.glob("*/*/.*.part"), *root.glob("clips/.*.part")]:
+            scratch.unlink(missing_ok=True)
+        yield
+    finally:
+        lock.release()
 
 
 def compute_missing(

@@ -49,24 +49,27 @@ class Metrics:
         A wrong name or setting is raised.
         """
         blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
-        metrics: dict[str, dict[str, Any]] = {"frame": {}, "trajectory": {}}
+        built: dict[str, dict[str, Any]] = {"frame": {}, "trajectory": {}}
         about: dict[str, Any] = {}
         for role, specs in (("frame", frame), ("trajectory", trajectory)):
             for name, spec in specs.items():
                 metric = build(f"{role}_metrics", name, spec)
-                failure = _try_out(metric, blank) if role == "frame" else metric
-                about[name] = {"role": role, "asked": spec, "unavailable": None, **_meaning(metric)}
+                about[name] = {"role": role, "asked": spec, "unavailable": None}
+                failure = metric
+                if not isinstance(metric, Failure):
+                    about[name] |= _meaning(metric)
+                    failure = _try_out(metric, blank) if role == "frame" else None
                 if isinstance(failure, Failure):
                     about[name]["unavailable"] = failure.reason
                 else:
-                    metrics[role][name] = metric
-        fraction: dict[str, Any] = {"role": "frame", "unit": "", "bounds": [0.0, 1.0]}
-        fraction |= {"higher_is_better": None, "unavailable": None}
-        definition = "fraction of pixels that were not inpainted"
-        about[COVERAGE] = {**fraction, "definition": definition}
-        definition = "coverage times the fraction of tracked frames; no probability"
-        about[CONFIDENCE] = {**fraction, "definition": definition}
-        return cls(metrics["frame"], metrics["trajectory"], about)
+                    built[role][name] = metric
+        for name, definition in (
+            (COVERAGE, "fraction of pixels that were not inpainted"),
+            (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),
+        ):
+            about[name] = {"role": "frame", "unit": "", "bounds": [0.0, 1.0]}
+            about[name] |= {"higher_is_better": None, "unavailable": None, "definition": definition}
+        return cls(**built, about=about)
 
     @cached_property
     def described(self) -> dict[str, Any]:
@@ -77,8 +80,6 @@ class Metrics:
 
 def _try_out(metric: Any, blank: ByteArray) -> Failure | None:
     """Return the failure of a frame metric on a blank frame."""
-    if isinstance(metric, Failure):
-        return metric
     try:
         metric(blank, blank, None)
     except BadData:
@@ -90,8 +91,6 @@ def _try_out(metric: Any, blank: ByteArray) -> Failure | None:
 
 def _meaning(metric: Any) -> dict[str, Any]:
     """Return unit, direction, definition, bounds and device of a metric."""
-    if isinstance(metric, Failure):
-        return {}
     metric_bounds = getattr(metric, "bounds", UNBOUNDED)
     meaning = {
         "unit": metric.unit,

@@ -64,7 +64,7 @@ class BuiltMatrix:
 @functools.lru_cache(maxsize=1)
 def build_matrix(matrix_json: str) -> BuiltMatrix:
     """Build all components once per process; raise an error for a wrong name or setting."""
-    matrix = Matrix.from_json(matrix_json)
+    matrix = Matrix.model_validate_json(matrix_json)
     with on_device(matrix.device):
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
         metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
