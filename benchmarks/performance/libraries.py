@@ -12,7 +12,7 @@ import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.bundle_adjustment import INVERSE_DEPTHS, Bundle, BundleAdjustment
+from geovp_classic.geometry.bundle_adjustment import Bundle, BundleAdjustment
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
@@ -146,13 +146,13 @@ def adjustment(scene: Scene) -> Problem:
     given = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]])
     pixels = Lens(CAMERA).pixels(scene.rays)
     visible = np.ones((len(poses) - 1, len(scene.points)), dtype=bool)
-    points = np.pad(homogeneous(scene.rays[0]), ((0, 0), (0, 1)))
-    bundle = Bundle(given[1:], points, pixels[1:], visible, CAMERA)
+    rays = homogeneous(scene.rays[0])
+    bundle = Bundle(given[1:], rays, np.zeros(len(rays)), pixels[1:], visible, CAMERA)
     prior = ImageRegistration().prior(given[1:])
 
     def ours() -> FloatArray:
         start = bundle.with_inverse_depths()
-        adjusted = BundleAdjustment().adjust(start, INVERSE_DEPTHS, prior)
+        adjusted = BundleAdjustment().adjust(start, prior)
         return adjusted.cam_from_world[-1]
 
     def rival() -> FloatArray:

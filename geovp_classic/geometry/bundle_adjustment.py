@@ -1,9 +1,10 @@
-"""Bundle adjustment (Triggs et al. 2000) of poses and points, with a prior of measured poses.
+"""Bundle adjustment (Triggs et al. 2000) of poses and inverse depths, with a prior of given poses.
 
-Iteratively reweighted Levenberg-Marquardt steps eliminate the points by a Schur complement.
-Measured poses are either right to within a standard deviation or far off. Their deviations
-therefore count together by Cauchy's function: poses that agree with the images stay, and poses that
-contradict them by pixels lose their prior.
+Points lie on known rays of a reference camera, whose pose is fixed. Iteratively reweighted
+Levenberg-Marquardt steps eliminate their inverse depths by a Schur complement. Given poses are
+either right to within a standard deviation or far off. Their deviations therefore count together by
+Cauchy's function: poses that agree with the images stay, and poses that contradict them by pixels
+lose their prior.
 """
 
 from dataclasses import dataclass, replace
@@ -14,50 +15,50 @@ from scipy.linalg import block_diag
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
-INVERSE_DEPTHS = slice(3, 4)  # w of points (x, y, z, w) on known rays (x, y, z)
-
 
 @dataclass(frozen=True)
 class Bundle:
-    """Cameras, homogeneous points (x, y, z, w) with w >= 0, and the pixels that show them."""
+    """Cameras, points on rays of the reference, and the pixels that show them."""
 
     cam_from_world: FloatArray  # [K, 4, 4]
-    points: FloatArray  # [N, 4]; w = 0 is infinitely far
+    rays: FloatArray  # [N, 3], z = 1, in the reference
+    inverse_depths: FloatArray  # [N]; 0 is infinitely far
     pixels: FloatArray  # [K, N, 2]
     is_visible: BoolArray  # [K, N]
     camera: Intrinsics
 
     def with_inverse_depths(self) -> "Bundle":
-        """Return the bundle with w >= 0 of each point that fits its pixels, given x, y and z.
+        """Return the bundle with the inverse depth q >= 0 of each point that fits its pixels.
 
-        It solves (u, v) (a_z + w b_z) = (a + w b)_xy.
+        It solves (u, v) (a_z + q b_z) = (a + q b)_xy.
         """
         matrix = self.camera.matrix
         poses = self.cam_from_world
         rotations = np.swapaxes(matrix @ poses[:, :3, :3], -1, -2)
-        a = self.points[:, :3] @ rotations  # [K, N, 3]
+        a = self.rays @ rotations  # [K, N, 3]
         b = (poses[:, :3, 3] @ matrix.T)[:, None]  # [K, 1, 3]
         factor = self.pixels * b[..., 2:] - b[..., :2]
         factor *= self.is_visible[..., None]
         target = a[..., :2] - self.pixels * a[..., 2:]
         numerator = (factor * target).sum(axis=(0, 2))
-        denominator = (factor**2).sum(axis=(0, 2))
-        points = self.points.copy()
-        points[:, 3] = np.maximum(numerator / np.maximum(denominator, 1e-12), 0)
-        return replace(self, points=points)
+        denominator = np.maximum((factor**2).sum(axis=(0, 2)), 1e-12)
+        inverse_depths = np.maximum(numerator / denominator, 0)
+        return replace(self, inverse_depths=inverse_depths)
 
     def linearise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return reprojection errors [K, N, 2] in pixels and their derivatives; 0 if invisible.
 
-        The derivatives are by the twist of the camera from the left [K, N, 2, 6] and by the point
-        [K, N, 2, 4].
+        The derivatives are by the twist of the camera from the left [K, N, 2, 6] and by the inverse
+        depth [K, N, 2].
         """
         poses = self.cam_from_world
-        located = self.points @ np.swapaxes(poses[:, :3], -1, -2)  # [K, N, 3]
+        inverse_depths = self.inverse_depths[:, None]
+        translations = poses[:, None, :3, 3]  # [K, 1, 3]
+        located = self.rays @ np.swapaxes(poses[:, :3, :3], -1, -2)
+        located += inverse_depths * translations  # [K, N, 3]
         is_valid = self.is_visible & (located[..., 2] > 1e-3)
         located = np.where(is_valid[..., None], located, [0.0, 0.0, 1.0])
         pixels, depth = pinhole.project(located, self.camera)
-        valid = is_valid[..., None].astype(float)
         from_centre = pixels - [self.camera.cx_px, self.camera.cy_px]
         errors = np.where(is_valid[..., None], pixels - self.pixels, 0.0)
 
@@ -65,31 +66,29 @@ class Bundle:
         by_location[..., 0, 0] = self.camera.fx_px / depth
         by_location[..., 1, 1] = self.camera.fy_px / depth
         by_location[..., 2] = -from_centre / depth[..., None]
-        by_location *= valid[..., None]
+        by_location *= is_valid[..., None, None]
         by_camera = np.empty((*depth.shape, 2, 6))
-        by_camera[..., :3] = self.points[:, 3, None, None] * by_location
+        by_camera[..., :3] = inverse_depths[..., None] * by_location
         by_camera[..., 3:] = np.cross(located[..., None, :], by_location)
-        rows = by_location.reshape(len(poses), -1, 3)  # [K, 2 N, 3]
-        by_point = (rows @ poses[:, :3]).reshape(*depth.shape, 2, 4)
-        return errors, by_camera, by_point
+        by_depth = (by_location @ translations[..., None])[..., 0]
+        return errors, by_camera, by_depth
 
     def moved(
         self,
         camera_step: FloatArray,  # [K, 6]
-        point_step: FloatArray,  # [N, D]
-        coordinates: slice,
+        depth_step: FloatArray,  # [N]
     ) -> "Bundle":
-        """Return the bundle after a step of the cameras and of some coordinates of the points."""
-        points = self.points.copy()
-        points[:, coordinates] += point_step
-        points[:, 3] = np.maximum(points[:, 3], 0)
-        poses = se3.exp(camera_step) @ self.cam_from_world
-        return replace(self, cam_from_world=poses, points=points)
+        """Return the bundle after a step of the cameras and of the inverse depths."""
+        return replace(
+            self,
+            cam_from_world=se3.exp(camera_step) @ self.cam_from_world,
+            inverse_depths=np.maximum(self.inverse_depths + depth_step, 0),
+        )
 
 
 @dataclass(frozen=True)
 class PosePrior:
-    """Measured poses, and how far they are trusted."""
+    """Given poses, and how far they are trusted."""
 
     cam_from_world: FloatArray  # [K, 4, 4]
     precision: FloatArray  # [K, 6], one over the standard deviation of a twist from the left
@@ -100,8 +99,8 @@ class PosePrior:
         self, cam_from_world: FloatArray
     ) -> tuple[FloatArray, FloatArray, float]:
         """Return the curvature [K, 6], the gradient [K, 6] and the value of the prior's cost."""
-        twists = se3.log(cam_from_world @ se3.inverse(self.cam_from_world))
-        deviation = self.precision * twists
+        given = se3.inverse(self.cam_from_world)
+        deviation = self.precision * se3.log(cam_from_world @ given)
         square = (deviation**2).sum() / self.scale**2
         weighted_precision = self.precision / (1 + square)
         curvature = weighted_precision * self.precision
@@ -122,23 +121,14 @@ class BundleAdjustment:
     damping: float = 1e-2
     damping_factor: float = 10.0
 
-    def adjust(
-        self,
-        bundle: Bundle,
-        coordinates: slice,  # of the points that are adjusted
-        prior: PosePrior | None = None,
-    ) -> Bundle:
-        """Return the bundle of the lowest cost, with all poses adjusted."""
+    def adjust(self, bundle: Bundle, prior: PosePrior) -> Bundle:
+        """Return the bundle of the lowest cost."""
         best, lowest, damping = bundle, np.inf, self.damping
         for _ in range(self.max_rounds + 1):
-            errors, by_camera, by_point = bundle.linearise()
+            errors, by_camera, by_depth = bundle.linearise()
             squares = (errors**2).sum(axis=-1) / self.error_scale_px**2
-            cost = np.log1p(squares).sum()
-            if prior is not None:
-                curvature, gradient, prior_cost = prior.linearise(
-                    bundle.cam_from_world
-                )
-                cost += prior_cost
+            curvature, gradient, cost = prior.linearise(bundle.cam_from_world)
+            cost += np.log1p(squares).sum()
             if cost < lowest:
                 is_converged = lowest - cost < self.min_decrease * cost
                 best, lowest = bundle, cost
@@ -146,77 +136,64 @@ class BundleAdjustment:
                     break
                 weights = 1 / (1 + squares) / self.error_scale_px**2
                 normal = NormalEquations.of(
-                    errors, by_camera, by_point[..., coordinates], weights
+                    errors, by_camera, by_depth, weights
                 )
-                if prior is not None:
-                    normal.add_prior(curvature, gradient)
+                twist = np.arange(6)
+                normal.cameras[:, twist, twist] += curvature
+                normal.camera_gradient[...] += gradient
                 damping /= self.damping_factor
             else:
                 damping *= self.damping_factor**2
-            steps = normal.solve(damping)
-            bundle = best.moved(*steps, coordinates)
+            bundle = best.moved(*normal.solve(damping))
         return best
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Curvature and gradient of the cost by the cameras and the points."""
+    """Curvature and gradient of the cost by the cameras and the inverse depths."""
 
     cameras: FloatArray  # [K, 6, 6]
     camera_gradient: FloatArray  # [K, 6]
-    points: FloatArray  # [N, D, D]
-    point_gradient: FloatArray  # [N, D]
-    mixed: FloatArray  # [N, D, K, 6]
+    depths: FloatArray  # [N]
+    depth_gradient: FloatArray  # [N]
+    mixed: FloatArray  # [N, K * 6]
 
     @classmethod
     def of(
         cls,
         errors: FloatArray,  # [K, N, 2]
         by_camera: FloatArray,  # [K, N, 2, 6]
-        by_point: FloatArray,  # [K, N, 2, D]
+        by_depth: FloatArray,  # [K, N, 2]
         weights: FloatArray,  # [K, N]
     ) -> "NormalEquations":
         """Return the normal equations of weighted errors."""
-        weights = weights[..., None, None]
-        point = weights * by_point
-        cameras = by_camera.reshape(len(by_camera), -1, 6)
-        weighted = (weights * by_camera).reshape(cameras.shape)
+        num_cameras, num_points, *_ = errors.shape
+        cameras = by_camera.reshape(num_cameras, -1, 6)
+        weighted = (weights[..., None, None] * by_camera).reshape(cameras.shape)
         transposed = np.swapaxes(weighted, -1, -2)  # [K, 6, 2 N]
-        camera_errors = errors.reshape(len(errors), -1, 1)
+        camera_errors = errors.reshape(num_cameras, -1, 1)
+        depth = weights[..., None] * by_depth
+        mixed = np.einsum("kna,knaj->nkj", depth, by_camera)
         return cls(
             cameras=transposed @ cameras,
             camera_gradient=(transposed @ camera_errors)[..., 0],
-            points=np.einsum("knai,knaj->nij", point, by_point),
-            point_gradient=np.einsum("knai,kna->ni", point, errors),
-            mixed=np.einsum("knai,knaj->nikj", point, by_camera),
+            depths=(depth * by_depth).sum(axis=(0, 2)),
+            depth_gradient=(depth * errors).sum(axis=(0, 2)),
+            mixed=mixed.reshape(num_points, -1),
         )
 
-    def add_prior(self, curvature: FloatArray, gradient: FloatArray) -> None:
-        """Add the curvature [K, 6] and gradient [K, 6] of a prior of the poses."""
-        twist = np.arange(6)
-        self.cameras[:, twist, twist] += curvature
-        self.camera_gradient[...] += gradient
-
     def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Return the steps of the cameras [K, 6] and points [N, D]."""
-        num_points, num_coordinates = self.point_gradient.shape
-        mixed = self.mixed.reshape(num_points * num_coordinates, -1)
-        by_point = mixed.reshape(num_points, num_coordinates, -1)
-        inverse = np.linalg.inv(_damped(self.points, damping))
-        eliminated = (inverse @ by_point).reshape(mixed.shape)
+        """Return the steps of the cameras [K, 6] and inverse depths [N].
 
-        curvature = block_diag(*_damped(self.cameras, damping))
-        curvature -= eliminated.T @ mixed
+        A larger diagonal makes the equations regular.
+        """
+        depths = self.depths * (1 + damping) + 1e-12
+        eliminated = self.mixed / depths[:, None]
+        identity = np.eye(6)
+        cameras = self.cameras * (1 + damping * identity) + 1e-12 * identity
+        curvature = block_diag(*cameras) - eliminated.T @ self.mixed
         gradient = self.camera_gradient.ravel()
-        gradient = gradient - eliminated.T @ self.point_gradient.ravel()
+        gradient = gradient - eliminated.T @ self.depth_gradient
         step = -np.linalg.solve(curvature, gradient)
-
-        point_gradient = self.point_gradient + by_point @ step
-        point_step = -(inverse @ point_gradient[..., None])[..., 0]
-        return step.reshape(-1, 6), point_step
-
-
-def _damped(curvature: FloatArray, damping: float) -> FloatArray:
-    """Return matrices [M, D, D] with a larger diagonal, which makes them regular."""
-    identity = np.eye(curvature.shape[-1])
-    return curvature * (1 + damping * identity) + 1e-12 * identity
+        depth_step = -(self.depth_gradient + self.mixed @ step) / depths
+        return step.reshape(-1, 6), depth_step

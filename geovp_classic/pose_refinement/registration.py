@@ -17,7 +17,6 @@ from geovp_classic import observation
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import (
-    INVERSE_DEPTHS,
     Bundle,
     BundleAdjustment,
     PosePrior,
@@ -144,15 +143,14 @@ class ImageRegistration:
         rays = pinhole.unproject(pixels[reference, is_used], 1.0, camera)
         given = Bundle(
             source_from_reference,
-            np.pad(rays, ((0, 0), (0, 1))),
+            rays,
+            np.zeros(len(rays)),
             pixels[sources][:, is_used],
             is_visible[sources][:, is_used],
             camera,
         )
         adjusted = self.bundle.adjust(
-            given.with_inverse_depths(),
-            INVERSE_DEPTHS,
-            self.prior(source_from_reference),
+            given.with_inverse_depths(), self.prior(source_from_reference)
         )
         registered = world_from_cam.copy()
         registered[sources] = world_from_cam[reference] @ se3.inverse(

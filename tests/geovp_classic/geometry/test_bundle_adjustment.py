@@ -8,7 +8,6 @@ from scipy.optimize import least_squares
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import (
-    INVERSE_DEPTHS,
     Bundle,
     BundleAdjustment,
     PosePrior,
@@ -33,7 +32,8 @@ def bundle_of(poses: FloatArray, num: int = 150, noise_px: float = 0.1) -> Bundl
     points = np.concatenate([rays, inverse_depth[:, None]], axis=1)
     projections, _ = pinhole.project(points @ np.swapaxes(poses[:, :3], -1, -2), CAMERA)
     projections += rng.normal(0, noise_px, projections.shape)
-    return Bundle(poses, points, projections, np.ones(projections.shape[:2], dtype=bool), CAMERA)
+    is_visible = np.ones(projections.shape[:2], dtype=bool)
+    return Bundle(poses, rays, inverse_depth, projections, is_visible, CAMERA)
 
 
 def prior_of(given: FloatArray) -> PosePrior:
@@ -45,7 +45,7 @@ def prior_of(given: FloatArray) -> PosePrior:
 def adjust(bundle: Bundle, given: FloatArray) -> FloatArray:
     solver = BundleAdjustment(max_rounds=30, min_decrease=1e-7)
     start = replace(bundle, cam_from_world=given).with_inverse_depths()
-    return solver.adjust(start, INVERSE_DEPTHS, prior_of(given)).cam_from_world
+    return solver.adjust(start, prior_of(given)).cam_from_world
 
 
 def test_derivatives_are_those_of_the_errors() -> None:
@@ -53,21 +53,18 @@ def test_derivatives_are_those_of_the_errors() -> None:
     bundle = bundle_of(poses)
     bundle.is_visible[:, ::5] = False
     poses[2, 2, 3] = -15.0  # some points lie behind this camera
-    _, by_camera, by_point = bundle.linearise()
-    step = 1e-6
+    _, by_camera, by_depth = bundle.linearise()
+    derivatives = np.concatenate([by_camera, by_depth[..., None]], axis=-1)
+    size = 1e-6
 
-    def errors(camera_step: FloatArray, point_step: FloatArray) -> FloatArray:
-        cameras = np.tile(camera_step, (3, 1))
-        points = np.tile(point_step, (len(bundle.points), 1))
-        return bundle.moved(cameras, points, slice(0, 4)).linearise()[0]
+    def errors(step: FloatArray) -> FloatArray:
+        cameras = np.tile(step[:6], (3, 1))
+        return bundle.moved(cameras, np.full(len(bundle.rays), step[6])).linearise()[0]
 
-    for size, derivative in ((6, by_camera), (4, by_point)):
-        for k, direction in enumerate(step * np.eye(size)):
-            steps = (direction, np.zeros(4)) if size == 6 else (np.zeros(6), direction)
-            back = tuple(-each for each in steps)
-            numerical = (errors(*steps) - errors(*back)) / (2 * step)
-            np.testing.assert_allclose(derivative[..., k], numerical, rtol=1e-4, atol=1e-3)
-        assert not derivative[:, ::5].any()
+    for k, step in enumerate(size * np.eye(7)):
+        numerical = (errors(step) - errors(-step)) / (2 * size)
+        np.testing.assert_allclose(derivatives[..., k], numerical, rtol=1e-4, atol=1e-3)
+    assert not derivatives[:, ::5].any()
 
 
 @pytest.mark.parametrize("scale", [1.0, 20.0])
@@ -82,13 +79,13 @@ def test_the_robust_cost_is_minimal(scale: float) -> None:
     def roots(parameters: FloatArray) -> FloatArray:
         """Return the roots of the terms of the cost."""
         twists = parameters[:18].reshape(3, 6)
-        points = np.concatenate([bundle.points[:, :3], parameters[18:, None]], axis=1)
-        moved = replace(bundle, cam_from_world=se3.exp(twists) @ given, points=points)
+        poses = se3.exp(twists) @ given
+        moved = replace(bundle, cam_from_world=poses, inverse_depths=parameters[18:])
         squares = (moved.linearise()[0] ** 2).sum(axis=-1).ravel() / 0.5**2
         prior_term = 5.5**2 * np.log1p(((twists / deviation) ** 2).sum() / 5.5**2)
         return np.sqrt(np.append(np.log1p(squares), prior_term) + 1e-12)
 
-    depths = replace(bundle, cam_from_world=given).with_inverse_depths().points[:, 3]
+    depths = replace(bundle, cam_from_world=given).with_inverse_depths().inverse_depths
     start = np.concatenate([np.zeros(18), depths])
     expected = least_squares(roots, start, x_scale="jac").x[:18].reshape(3, 6)
     moved = se3.log(adjust(bundle, given) @ se3.inverse(given))
@@ -107,5 +104,5 @@ def test_poses_that_fit_stay_nearly_where_they_are_in_any_unit() -> None:
 
 def test_exact_pixels_give_exact_inverse_depths() -> None:
     bundle = bundle_of(drive(5), noise_px=0.0)
-    start = replace(bundle, points=bundle.points * [1, 1, 1, 0])
-    np.testing.assert_allclose(start.with_inverse_depths().points, bundle.points, atol=1e-9)
+    start = replace(bundle, inverse_depths=np.zeros(len(bundle.rays))).with_inverse_depths()
+    np.testing.assert_allclose(start.inverse_depths, bundle.inverse_depths, atol=1e-9)
