@@ -27,9 +27,8 @@ class SemiGlobalAggregation:
     """Costs of depth differences between neighbours, next to matching costs from 0 to 255."""
 
     small_step_cost: int = 5  # of a difference of one plane
-    large_step_cost: float = (
-        100.0  # of a larger difference, where the image is uniform
-    )
+    # Of a larger difference, where the image is uniform
+    large_step_cost: float = 100.0
     # Difference of the grey values 0..255 of two neighbours that halves the cost of a large step.
     edge_contrast: float = 20.0
 

@@ -1,6 +1,6 @@
 """Ground prior of a plane sweep: the road is a plane, and nothing lies below it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ class GroundPrior:
     # Camera heights above the road between which no object floats.
     min_floating_heights: float = 0.3
     max_floating_heights: float = 1.5
-    plane: GroundFit = field(default_factory=GroundFit)
+    plane: GroundFit = GroundFit()
 
     def lift(
         self,

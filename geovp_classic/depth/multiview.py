@@ -4,7 +4,7 @@ Forward motion leaves no parallax around its own direction, the epipole: the lon
 decides there, the neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,9 +14,8 @@ from geovp_classic.depth.completion import fill_from_background, find_islands
 from geovp_classic.depth.ground_prior import GroundPrior
 from geovp_classic.depth.matching import WindowCorrelation
 from geovp_classic.depth.viewpoints import PlaneSpacing, SourceSelection
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.observation import stream
 from geovp_classic.types import (
     ByteArray,
@@ -30,50 +29,28 @@ from geovp_classic.types import (
 
 
 @dataclass(frozen=True)
-class LevelRoad:
-    """A level road at the recorded camera height, for frames without parallax."""
-
-    def inverse_depth(self, context: Context, past: Trajectory) -> FloatArray:
-        """Return the inverse depth [H, W] of the road, 0 above its horizon.
-
-        Incompatible without a camera height or metric poses.
-        """
-        if context.camera_height_m is None or not past.is_metric:
-            raise Incompatible(
-                "a level road needs a recorded camera height and metric poses: leave level_road out"
-            )
-        road = GroundPlane(np.array([0.0, 1.0, 0.0]), context.camera_height_m)
-        return np.maximum(road.inverse_depth(context.intrinsics), 0)
-
-
-@dataclass(frozen=True)
 class Multiview:
     """Plane sweep (Collins 1996) over the observed frames with the given poses, in their unit.
 
     A camera that did not move, or only turned, leaves depth unknown: the confidence is 0
-    everywhere, and everything is infinitely far or lies on a level road where one is given.
+    everywhere, and everything is infinitely far.
     """
 
-    frames: tuple[int, ...] = (
-        -1,
-    )  # steps to estimate, counted from the end when negative
+    # Steps to estimate, counted from the end when negative
+    frames: tuple[int, ...] = (-1,)
     num_planes: int = 96  # for images of up to `tall_px` rows; proportionally more for taller ones
     tall_px: int = 256
-    sources: SourceSelection = field(default_factory=SourceSelection)
-    spacing: PlaneSpacing = field(default_factory=PlaneSpacing)
-    matching: WindowCorrelation = field(default_factory=WindowCorrelation)
-    aggregation: SemiGlobalAggregation = field(
-        default_factory=SemiGlobalAggregation
-    )
-    ground: GroundPrior | None = field(
-        default_factory=GroundPrior
-    )  # None: no prior
-    level_road: LevelRoad | None = None  # where there is no parallax
+    sources: SourceSelection = SourceSelection()
+    spacing: PlaneSpacing = PlaneSpacing()
+    matching: WindowCorrelation = WindowCorrelation()
+    aggregation: SemiGlobalAggregation = SemiGlobalAggregation()
+    ground: GroundPrior | None = GroundPrior()  # None: no prior
     # Islands of depth up to this part of the image are wrong matches more often than objects.
     max_speckle_fraction: float = 0.0045
-    confident_lead: float = (
-        75.0  # cost by which all rivals are worse at confidence 1
-    )
+    # Cost by which all rivals are worse at confidence 1
+    confident_lead: float = 75.0
+
+    needs = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
         if not self.frames or self.num_planes < 6:
@@ -81,15 +58,6 @@ class Multiview:
                 f"multiview: frames {self.frames} and num_planes {self.num_planes}, expected at "
                 "least one frame and at least 6 planes"
             )
-
-    @property
-    def needs(self) -> PrivilegedInput:
-        """Return the camera height for a level road, else nothing."""
-        return (
-            PrivilegedInput.NONE
-            if self.level_road is None
-            else PrivilegedInput.CAMERA_HEIGHT
-        )
 
     def inverse_depths(
         self, context: Context, past: Trajectory
@@ -111,10 +79,6 @@ class Multiview:
         ]
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
-        if self.level_road is not None:
-            inverse_depths[list(self.frames)] = self.level_road.inverse_depth(
-                context, past
-            )
         for step, depth_map in zip(self.frames, depth_maps, strict=True):
             if depth_map is not None:
                 inverse_depths[step], confidence[step] = depth_map

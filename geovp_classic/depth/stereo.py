@@ -27,9 +27,8 @@ class Stereo:
     their instants.
     """
 
-    frames: tuple[int, ...] = (
-        -1,
-    )  # steps to estimate, counted from the end when negative
+    # Steps to estimate, counted from the end when negative
+    frames: tuple[int, ...] = (-1,)
     nearest_m: float = 4.0  # nearer surfaces are not searched for
     block_px: int = 5
 

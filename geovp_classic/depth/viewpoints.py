@@ -15,9 +15,8 @@ class SourceSelection:
     """
 
     num_sources: int = 4  # at the longest usable distance, a half, a quarter and an eighth of it
-    min_overlap_fraction: float = (
-        0.4  # of the image that a source sees, at infinity
-    )
+    # Of the image that a source sees, at infinity
+    min_overlap_fraction: float = 0.4
 
     def choose(
         self,

@@ -1,6 +1,6 @@
 """Observation of a clip: screening, scene mask and grey images, computed once per stream."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -63,8 +63,8 @@ class Observed:
 class Observer:
     """Frame screening, the scene mask and grey images of both image streams of a clip."""
 
-    screening: FrameScreening = field(default_factory=FrameScreening)
-    masking: SceneMasking = field(default_factory=SceneMasking)
+    screening: FrameScreening = FrameScreening()
+    masking: SceneMasking = SceneMasking()
     # Image file, nonzero where no scene is shown, in addition to what is detected. It is of the
     # uncropped frames if the clip has them, else of the frames, in any size.
     mask: Path | None = None

@@ -31,12 +31,10 @@ class MagnifiedDetail:
     # Magnifications between which each frequency band is lost.
     band_edges: tuple[float, ...] = (1.0, 1.7, 2.7, 4.0, 6.0)
     blur_px: float = 0.5  # standard deviation of the low-pass filter per unit of magnification
-    coarse_px: float = (
-        4.0  # detail is what a blur of this standard deviation removes
-    )
-    contrast_px: float = (
-        6.0  # standard deviation of the window in which contrasts are compared
-    )
+    # Detail is what a blur of this standard deviation removes
+    coarse_px: float = 4.0
+    # Standard deviation of the window in which contrasts are compared
+    contrast_px: float = 6.0
     min_contrast_grey: float = 2.0  # below it nothing is amplified
 
     def transfer(

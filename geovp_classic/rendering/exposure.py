@@ -10,7 +10,7 @@ frames show how strongly a camera reacts: a fixed exposure stays.
 
 import functools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -86,7 +86,7 @@ class Exposure:
     log_rate_hz: float  # rate of change of the log brightness at the last frame
     log_level: float  # mean log brightness of the observed images
     confidence: float  # that the exposure is controlled, from 0 (constant) to 1
-    tone_curve: ToneCurve = field(default_factory=ToneCurve)
+    tone_curve: ToneCurve = ToneCurve()
 
     def match(self, source: Source, step: int) -> Source:
         """Return the source of an observed step as bright as the last frame would show it."""
@@ -102,22 +102,18 @@ class ExposureEstimator:
     width_px: int = 128  # of the images that are compared
     blur_px: float = 1.5  # of them; no depth is exact enough for finer detail
     min_grey: float = 20.0  # darker pixels are not compared,
-    min_mean_fraction: float = (
-        0.3  # nor those below this fraction of a dim image's mean
-    )
+    # Nor those below this fraction of a dim image's mean
+    min_mean_fraction: float = 0.3
     max_grey: float = 235.0  # nor partly saturated ones
-    min_valid_fraction: float = (
-        0.02  # of the image; with fewer pixels the gain is 1
-    )
+    # Of the image; with fewer pixels the gain is 1
+    min_valid_fraction: float = 0.02
     num_trend_steps: int = 2  # from which the rate is estimated
     max_rate_hz: float = 1.5  # log gain per second of a control
-    min_jump_hz: float = (
-        3.0  # a faster change is a jump, which no control makes
-    )
-    steady_log_gain: float = (
-        0.008  # RMS log gain between frames at confidence one half
-    )
-    tone_curve: ToneCurve = field(default_factory=ToneCurve)
+    # A faster change is a jump, which no control makes
+    min_jump_hz: float = 3.0
+    # RMS log gain between frames at confidence one half
+    steady_log_gain: float = 0.008
+    tone_curve: ToneCurve = ToneCurve()
 
     def estimate(
         self,
@@ -221,9 +217,8 @@ class ExposureControl:
     pull_hz: float = 3.3  # target rate per log step of the mean from its level
     step_s: float = 0.1  # of the simulation, as between two frames
     max_log_gain: float = math.log(2)
-    meter_px: int = (
-        64  # height of the whole images whose future mean is rendered
-    )
+    # Height of the whole images whose future mean is rendered
+    meter_px: int = 64
 
     def __post_init__(self) -> None:
         if not (self.inertia_s > 0 and self.pull_hz > 0):

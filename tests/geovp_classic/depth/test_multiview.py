@@ -8,9 +8,9 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.data.synthetic import Synthetic
-from geovp_classic.depth.multiview import LevelRoad, Multiview
+from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.viewpoints import PlaneSpacing
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import (
     BoolArray,
@@ -101,9 +101,9 @@ def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
 
 
 def test_settings_are_built_and_described() -> None:
-    spec = {"name": "multiview", "frames": [-1, -3], "ground": "none", "level_road": {}}
+    spec = {"name": "multiview", "frames": [-1, -3], "ground": "none"}
     built = registry.build("depth_sources", spec)
-    assert built == Multiview(frames=(-1, -3), ground=None, level_road=LevelRoad())
+    assert built == Multiview(frames=(-1, -3), ground=None)
     assert registry.build("depth_sources", registry.describe(built)) == built
 
 
@@ -129,18 +129,6 @@ def test_noisy_poses_of_a_stationary_camera_show_no_parallax(observe: Observe) -
     noisy[:, :3, 3] += np.random.default_rng(0).normal(0, 1e-3, (len(past), 3))
     _, confidence = estimate(context, dataclasses.replace(past, world_from_cam=noisy))
     assert not confidence.any()
-
-
-def test_a_recorded_camera_height_stands_in_for_parallax(observe: Observe) -> None:
-    context, past, truth = observe(_drive(step=0.0))
-    source = Multiview(level_road=LevelRoad())
-    assert source.needs == PrivilegedInput.CAMERA_HEIGHT
-    known = dataclasses.replace(context, camera_height_m=1.6)
-    inverse_depths, confidence = source.inverse_depths(known, past)
-    np.testing.assert_allclose(inverse_depths[-1][-20:, :60], truth[-1][-20:, :60], rtol=1e-4)
-    assert not confidence.any()
-    with pytest.raises(Incompatible, match="recorded camera height"):
-        source.inverse_depths(context, past)
 
 
 def test_exposure_changes_little(observe: Observe) -> None:
