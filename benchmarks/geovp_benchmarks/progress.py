@@ -11,9 +11,7 @@ from typing import Any, TypeVar
 Item = TypeVar("Item")
 Progress = Callable[[int, int], None]  # (done, total)
 FIRST_SHOWN_S = 0.5
-BAR = (
-    "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}{postfix}]"
-)
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 
 logger = logging.getLogger("geovp_benchmarks")
 steps = logging.getLogger("geovp_benchmarks.steps")
@@ -37,8 +35,8 @@ def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[I
 
 
 @contextmanager
-def progress_bar(description: str, unit: str) -> Iterator[Progress]:
-    """Show a progress bar with the current step on standard error.
+def progress_bar(description: str) -> Iterator[Progress]:
+    """Show a progress bar with the current step on standard error; another total begins anew.
 
     Nothing is shown with --quiet or where standard error is not a terminal. The bar is drawn by the
     calling thread alone: another thread could hold its lock when standard error breaks.
@@ -50,7 +48,6 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
     with tqdm(
         total=0,
         desc=description,
-        unit=unit,
         bar_format=BAR,
         file=sys.stderr,
         delay=FIRST_SHOWN_S,
@@ -60,7 +57,8 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
         steps.addHandler(listener)
 
         def show(done: int, total: int) -> None:
-            bar.total = total
+            if total != bar.total:
+                bar.reset(total)
             bar.update(done - bar.n)
 
         try:

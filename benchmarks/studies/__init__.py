@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.progress import progress_bar
 
 
 def command_line(words: Sequence[str]) -> argparse.ArgumentParser:
@@ -23,7 +22,7 @@ def command_line(words: Sequence[str]) -> argparse.ArgumentParser:
         name = module.name.replace("_", "-")
         if name in words:
             study = importlib.import_module(f"{__name__}.{module.name}")
-            cli.add_command(studies, name, study).set_defaults(study=study.run, run=run)
+            cli.add_command(studies, name, study)
         elif not name.startswith("-"):
             place = "__init__" if module.ispkg else ""
             path = Path(__path__[0], module.name, place).with_suffix(".py")
@@ -35,11 +34,3 @@ def command_line(words: Sequence[str]) -> argparse.ArgumentParser:
 def main(words: Sequence[str]) -> int:
     """Run a study and return the exit code."""
     return cli.main(words, command_line(words))
-
-
-def run(args: argparse.Namespace) -> int:
-    """Print the lines of a study as they are ready, with a progress bar."""
-    with progress_bar("study", "steps") as progress:
-        for line in args.study(args, progress):
-            print(line, flush=True)
-    return 0

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from geovp_benchmarks.arguments import figure_file
-from geovp_benchmarks.cli.options import add, add_shared
+from geovp_benchmarks.cli.options import Progress, add, add_shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.types import PrivilegedInput
 from studies._figures import panels

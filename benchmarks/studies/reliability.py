@@ -9,9 +9,8 @@ import argparse
 from collections.abc import Iterator
 
 from geovp_benchmarks.arguments import figure_file
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import Progress, add
 from geovp_benchmarks.evaluation import forecasting
-from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from studies._figures import panels
 

@@ -21,7 +21,7 @@ def test_the_bar_says_what_is_done(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with progress_bar("letters", "steps") as progress:
+    with progress_bar("letters") as progress:
         progress(0, 4)
         time.sleep(0.7)
         announce("compiling", done=1)
@@ -35,7 +35,7 @@ def test_the_bar_says_what_is_done(
 
 
 def test_redirected_logs_have_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress_bar("letters", "steps") as progress:
+    with progress_bar("letters") as progress:
         time.sleep(0.6)
         progress(2, 4)
     assert capsys.readouterr().err == ""

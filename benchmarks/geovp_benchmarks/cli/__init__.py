@@ -1,7 +1,8 @@
 """Command line `geovp COMMAND ...`, with one module per command.
 
-A module exposes `add_arguments(parser)` and `run(args)`, which returns the exit code. Its docstring
-is the help of the command; the part below "Examples:" is printed after the options.
+A module exposes `add_arguments(parser)` and `run(args, progress)`, which yields the lines to print
+and returns the exit code. Its docstring is the help of the command; the part below "Examples:" is
+printed after the options.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from geovp_benchmarks.cli.messages import logger, messages
+from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
 COMMANDS = (
@@ -76,7 +78,7 @@ def command_line() -> argparse.ArgumentParser:
     return parser
 
 
-def add_command(commands: Any, name: str, module: ModuleType) -> argparse.ArgumentParser:
+def add_command(commands: Any, name: str, module: ModuleType) -> None:
     """Add the parser of a command, with its help and examples from the module's docstring."""
     text = (module.__doc__ or "").replace("%", "%%")
     description, _, examples = text.partition("\nExamples:\n")
@@ -88,8 +90,7 @@ def add_command(commands: Any, name: str, module: ModuleType) -> argparse.Argume
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(command)
-    command.set_defaults(run=module.run)
-    return command
+    command.set_defaults(run=module.run, command=name)
 
 
 def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | None = None) -> int:
@@ -105,9 +106,7 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
     args.words = rest
     with messages(args.quiet, args.verbose), sigterm_as_interrupt():
         try:
-            code = int(args.run(args))
-            sys.stdout.flush()
-            return code
+            return print_lines(args)
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
             logger.error(textwrap.shorten(str(error), 2000))
@@ -124,6 +123,21 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
             return 2
+
+
+def print_lines(args: argparse.Namespace) -> int:
+    """Print the lines of a command as they are ready, and return its exit code."""
+    from tqdm import tqdm
+
+    with progress_bar(args.command) as progress:
+        lines = args.run(args, progress)
+        while True:
+            try:
+                tqdm.write(next(lines))  # above the bar
+            except StopIteration as end:
+                return end.value or 0
+            finally:
+                sys.stdout.flush()
 
 
 def open_closed_streams() -> None:

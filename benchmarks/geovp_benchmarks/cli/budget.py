@@ -11,8 +11,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import add_flag, add_group, add_shared
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import Lines, Progress, add_flag, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flag(group, "--sensitivity", "Print the changes by constant offsets of the true poses.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables."""
     from geovp_benchmarks.evaluation import error_budget
     from geovp_benchmarks.matrix import schema
@@ -35,7 +34,4 @@ def run(args: argparse.Namespace) -> int:
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
-    with progress_bar("budget", "clips") as progress:
-        tables = measure(method, progress)
-    print(*map(markdown, tables), sep="\n")
-    return 0
+    yield from map(markdown, measure(method, progress))

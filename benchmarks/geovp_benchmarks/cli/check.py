@@ -7,7 +7,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "component", "SPEC", "Name of a component, or its table as in TOML.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Print the tests that pass and those that fail."""
     from geovp_benchmarks.audit import contracts
     from geovp_classic import registry
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     findings = contracts.check(args.role, component)
     for finding in findings:
         detail = f": {finding.detail}" if finding.detail else ""
-        print(f"{'passed' if finding.passed else 'FAILED'}  {finding.name}{detail}")
+        yield f"{'passed' if finding.passed else 'FAILED'}  {finding.name}{detail}"
     passed = sum(finding.passed for finding in findings)
-    print(f"{registry.name_of(component)}: {passed} of {len(findings)} checks passed")
+    yield f"{registry.name_of(component)}: {passed} of {len(findings)} checks passed"
     return int(passed < len(findings))

@@ -10,7 +10,7 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import Lines, Progress, add
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add(parser, name.lower(), name, "Results folder, or DIR:METHOD for one method.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print what differs, and paired differences for each method."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.comparison import compare
@@ -31,5 +31,5 @@ def run(args: argparse.Namespace) -> int:
             folder, method = text, ""
         sides.append((Results(Path(folder)), method))
     (a, method_a), (b, method_b) = sides
-    print(f"A: {args.a}\nB: {args.b}", *compare(a, b, method_a, method_b), sep="\n")
-    return 0
+    yield f"A: {args.a}\nB: {args.b}"
+    yield from compare(a, b, method_a, method_b)

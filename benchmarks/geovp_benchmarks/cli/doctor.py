@@ -12,8 +12,8 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import add, add_flag, add_group
-from geovp_benchmarks.progress import progress_bar, tracked
+from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group
+from geovp_benchmarks.progress import Progress, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flag(group, "--deep", "Decode all images. Default: check names and headers.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
     from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data.doctor import Doctor
@@ -32,17 +32,17 @@ def run(args: argparse.Namespace) -> int:
     if any((args.root / name).exists() for name in ("protocol.json", "datasets.json")):
         findings = [*examine_results(args.root)]
         advice = "`geovp run` with the same matrix computes what is missing"
-        print(*findings, advice if findings else "nothing is missing", sep="\n")
+        yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
-    with progress_bar("doctor", "sequences") as progress:
-        diagnosis = Doctor().examine(
-            args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
-        )
+    diagnosis = Doctor().examine(
+        args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
+    )
     rows = [list(row.values()) for row in diagnosis.rows]
-    print(*grid([list(diagnosis.rows[0]), *rows]), "", sep="\n")
+    yield from grid([list(diagnosis.rows[0]), *rows])
+    yield ""
     for finding in diagnosis.findings:
-        print(f"{finding.severity}: {finding}")
-    print(f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}")
+        yield f"{finding.severity}: {finding}"
+    yield f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}"
     return int(not diagnosis.is_sound)
 
 

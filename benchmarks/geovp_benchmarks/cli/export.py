@@ -10,7 +10,7 @@ Examples:
 import argparse
 import errno
 
-from geovp_benchmarks.cli.options import add, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--out", "FILE", "File for the table.", required=True)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Write the file, and print its path."""
     import duckdb
     import numpy as np
@@ -46,5 +46,4 @@ def run(args: argparse.Namespace) -> int:
             getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
         except duckdb.IOException as error:
             raise OSError(errno.EIO, str(error), str(args.out)) from error
-    print(args.out)
-    return 0
+    yield str(args.out)

@@ -9,8 +9,8 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import add, add_group
-from geovp_benchmarks.progress import announce, progress_bar
+from geovp_benchmarks.cli.options import Lines, add, add_group
+from geovp_benchmarks.progress import Progress, announce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--methods", "SPEC...", text)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
     from geovp_benchmarks.tables.formats import grid
@@ -43,16 +43,14 @@ def run(args: argparse.Namespace) -> int:
         args.poses, args.sequences, args.past, args.future, args.stride
     )
     table = {}
-    with progress_bar("forecast", "windows") as progress:
-        for name, forecaster in forecasters.items():
-            announce(name)
-            scores = forecasting.evaluate(windows, forecaster, progress)
-            table[name] = forecasting.summary(scores)
-    print(f"{len(windows)} windows of {', '.join(args.sequences)}", "", sep="\n")
+    for name, forecaster in forecasters.items():
+        announce(name)
+        scores = forecasting.evaluate(windows, forecaster, progress)
+        table[name] = forecasting.summary(scores)
+    yield f"{len(windows)} windows of {', '.join(args.sequences)}\n"
     names = dict.fromkeys(name for means in table.values() for name in means)
     rows = [
         [name, *(f"{means[name]:.3f}" if name in means else "-" for means in table.values())]
         for name in names
     ]
-    print(*grid([["", *table], *rows]), sep="\n")
-    return 0
+    yield from grid([["", *table], *rows])

@@ -22,7 +22,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import add, complete_with
+from geovp_benchmarks.cli.options import Lines, Progress, add, complete_with
 from geovp_classic.errors import GeovpError, UnknownComponent
 
 
@@ -39,26 +39,25 @@ def words() -> list[str]:
     return ["protocols", *(group.removeprefix("geovp.") for group in groups), *names]
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print roles with their components, one component, or the protocols."""
     from geovp_benchmarks.matrix import protocols
     from geovp_classic import registry
 
     if args.name == "protocols":
-        print(protocols.TABLES.read_text("utf-8"))
-        return 0
+        yield protocols.TABLES.read_text("utf-8")
+        return
     if args.name is None or args.name in registry.ROLES:
         for role in [args.name] if args.name else registry.ROLES:
-            print(role)
+            yield role
             for entry in sorted(metadata.entry_points(group=f"geovp.{role}")):
-                print(f"  {summary(entry)}")
-        return 0
+                yield f"  {summary(entry)}"
+        return
     roles = [role for role in registry.ROLES if args.name in registry.names(role)]
     if not roles:
         nearest = registry.nearest(args.name, words())
         raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
-    print(*(as_toml(role, args.name) for role in roles), sep="\n\n")
-    return 0
+    yield "\n\n".join(as_toml(role, args.name) for role in roles)
 
 
 def summary(entry: metadata.EntryPoint) -> str:

@@ -2,13 +2,16 @@
 
 import argparse
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.matrix import CONFIGS, DEVICE
+from geovp_benchmarks.progress import Progress as Progress
 
+Lines = Iterator[str]  # to print
+LinesAndCode = Generator[str, None, int]  # to print; returns the exit code
 SHARED: dict[str, tuple[Any, ...]] = {  # arguments of `add`
     "matrix": ("MATRIX", "Matrix file, or name of a built-in matrix such as demo."),
     "folder": ("DIR", "Results folder, written by `geovp run`."),

@@ -11,8 +11,7 @@ Examples:
 import argparse
 import re
 
-from geovp_benchmarks.cli.options import add, add_group, add_shared
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +37,7 @@ def length_in(text: str) -> float:
     return length
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Write the figures, and print their paths."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.results.store import Results
@@ -46,7 +45,5 @@ def run(args: argparse.Namespace) -> int:
     formats = (args.format,) if args.format else ()
     options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
     for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        with progress_bar("plots", "figures") as progress:
-            for _, paths in plots.write_all(results, options, progress):
-                print(*paths, sep="\n")
-    return 0
+        for _, paths in plots.write_all(results, options, progress):
+            yield from map(str, paths)

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.arguments import at_least
-from geovp_benchmarks.cli.options import add, add_group
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import Lines, Progress, add, add_group
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--out", "DIR", f"Folder for the results. Default: {folder}.", folder)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
@@ -41,18 +40,15 @@ def run(args: argparse.Namespace) -> int:
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
     data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
-    with progress_bar("poses", "frames" if args.clips is None else "clips") as progress:
-        if args.clips is not None:
-            data = {"stride": 5, "size_px": [256, 256], **data}
-            clips = track_clips(data, args.frames, args.odometry, args.clips, progress)
-            for name, paths in clips:
-                is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
-                print(f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked")
-                print(*(f"  {line}" for line in grid(error_table(paths))), sep="\n")
-            return 0
-        for frames, path in track_sequences(data, args.frames, args.odometry, progress):
-            print(f"{frames}: {path.tracked.mean():.1%} of frames tracked")
-            stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
-            files = path.write(args.out, stem)
-            print(*(f"  {line}" for line in [*grid(error_table([path])), *files]), sep="\n")
-    return 0
+    if args.clips is not None:
+        data = {"stride": 5, "size_px": [256, 256], **data}
+        for name, paths in track_clips(data, args.frames, args.odometry, args.clips, progress):
+            is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
+            yield f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked"
+            yield from grid(error_table(paths))
+        return
+    for frames, path in track_sequences(data, args.frames, args.odometry, progress):
+        yield f"{frames}: {path.tracked.mean():.1%} of frames tracked"
+        yield from grid(error_table([path]))
+        stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
+        yield from map(str, path.write(args.out, stem))

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from geovp_benchmarks.arguments import at_least
 from geovp_benchmarks.cli.messages import logger
-from geovp_benchmarks.cli.options import add, add_flag, add_group, add_shared
-from geovp_benchmarks.progress import announce, progress_bar
+from geovp_benchmarks.cli.options import Lines, add, add_flag, add_group, add_shared
+from geovp_benchmarks.progress import Progress, announce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     add(group, "--camera-height", "X", text, dest="camera_height_m")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Predict, write all files and print their paths."""
     from geovp_benchmarks.predict import exports, prediction
     from geovp_benchmarks.predict.request import PredictionRequest
@@ -77,20 +77,18 @@ def run(args: argparse.Namespace) -> int:
         exports.check_free(args.out)
     names = [field.name for field in dataclasses.fields(PredictionRequest)]
     request = PredictionRequest(**{name: getattr(args, name) for name in names})
-    with progress_bar("predict", "stages") as progress:
-        progress(0, 6)
-        predicted = prediction.predict(request)
-        announce("writing files", 1)
-        name = f"{args.path.resolve().stem}-{predicted.first:06d}"
-        folder = args.out or Path("results/predict", name)
-        number = 1
-        while args.out is None and folder.exists():
-            number += 1
-            folder = folder.with_name(f"{name}-{number}")
-        files = exports.write(predicted, folder)
+    progress(0, 6)
+    predicted = prediction.predict(request)
+    announce("writing files", 1)
+    name = f"{args.path.resolve().stem}-{predicted.first:06d}"
+    folder = args.out or Path("results/predict", name)
+    number = 1
+    while args.out is None and folder.exists():
+        number += 1
+        folder = folder.with_name(f"{name}-{number}")
+    files = exports.write(predicted, folder)
     if not args.quiet:
         print(*predicted.summary(), sep="\n", file=sys.stderr)
     if not any(path.suffix == ".mp4" for path in files):
         logger.warning(f"the film is a gif; for H.264: {registry.install_command('video')}")
-    print(*files, sep="\n")
-    return 0
+    yield from map(str, files)

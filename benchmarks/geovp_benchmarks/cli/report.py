@@ -8,8 +8,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import add_group, add_shared
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import Lines, Progress, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,14 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Write figures and report, and print the path of the report."""
     from geovp_benchmarks import plots, report
     from geovp_benchmarks.results.store import Results
 
     options = plots.Options(args.metrics, args.by, args.against)
     for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        with progress_bar("report", "figures") as progress:
-            report.write(results, options, progress)
-        print(results.report)
-    return 0
+        report.write(results, options, progress)
+        yield str(results.report)

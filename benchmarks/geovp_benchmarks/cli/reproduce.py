@@ -10,8 +10,7 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import add, add_group, add_shared
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,10 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = add_group(parser, "output")
     add(group, "--out", "DIR", "Folder for the results. Default: results/NAME.")
     add_shared(group, "--keep")
-    parser.set_defaults(fresh=False, dry_run=False)
+    parser.set_defaults(fresh=False)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Compute what is missing, print both tables, and write them with the figures."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.audit import reproduction
@@ -38,12 +37,11 @@ def run(args: argparse.Namespace) -> int:
     matrix = reproduction.read_matrix(args.name, args.set, args.samples, args.methods)
     matrix = matrix.with_root(args.root).with_device(args.device)
     results = Results(args.out or Path("results") / args.name)
-    methods = compute(args, matrix, results)
+    methods = compute(args, matrix, results, progress)
     paper_tables = published.build(results, args.name)
     formats.write_all(results, [*tables.build(results), *paper_tables])
-    print(*map(formats.markdown, paper_tables), sep="\n")
-    with progress_bar("plots", "figures") as progress:
-        for _ in plots.write_all(results, plots.Options(), progress):
-            pass
-    print(f"tables: {results.tables}\nplots:  {results.plots}")
+    yield from map(formats.markdown, paper_tables)
+    for _ in plots.write_all(results, plots.Options(), progress):
+        pass
+    yield f"tables: {results.tables}\nplots:  {results.plots}"
     return exit_code(methods)

@@ -9,8 +9,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import add, add_group, add_shared
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
 from geovp_classic.errors import BadData
 
 
@@ -24,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--out", "DIR", "Folder for the results. Default: DIR-rescored.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Write a results folder of the kept clips, and print its table."""
     from geovp_benchmarks.cli.run import conclude
     from geovp_benchmarks.matrix import schema
@@ -44,6 +43,5 @@ def run(args: argparse.Namespace) -> int:
         if matrix is not None:
             size_px = results.protocol()["size_px"]
             metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
-    with progress_bar("rescore", "methods") as progress:
-        methods = rescore(results, output, metrics, progress)
-    return conclude(output, methods, with_report=False)
+    methods = rescore(results, output, metrics, progress)
+    return (yield from conclude(output, methods))

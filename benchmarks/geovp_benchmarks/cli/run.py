@@ -18,12 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import add, add_flag, add_group, add_shared
-from geovp_benchmarks.progress import announce, progress_bar
+from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group, add_shared
+from geovp_benchmarks.progress import Progress, announce
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
+    from geovp_benchmarks.running.plan import Options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,63 +39,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flag(group, "--no-report", "Write no plots and no report.")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Compute all data sets in turn, and write and print their tables."""
-    with progress_bar(args.matrix.stem, "predictions"):
-        announce("starting")
-        from geovp_benchmarks.matrix import files, multiple_datasets
-        from geovp_benchmarks.results.store import Results
-        from geovp_benchmarks.tables import formats, tables
+    announce("starting")
+    from geovp_benchmarks.matrix import files, multiple_datasets
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.running.dry_run import dry_run
+    from geovp_benchmarks.tables import formats, tables
 
-        matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
+    matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
     root = args.out or Path("results") / args.matrix.stem
-    if not args.dry_run:
-        Results(root).write_datasets([*matrices])
+    if args.dry_run:
+        for label, matrix in matrices.items():
+            num_workers = args.workers.get("workers", 1)
+            yield from dry_run(matrix, Results(root / label), options_of(args), num_workers)
+        return 0
+    Results(root).write_datasets([*matrices])
     codes = []
     for label, matrix in matrices.items():
         results = Results(root / label)
-        methods = compute(args, matrix.with_device(args.device), results)
-        if not args.dry_run:
-            codes.append(conclude(results, methods, not args.no_report))
+        methods = compute(args, matrix.with_device(args.device), results, progress)
+        codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
     if len(codes) > 1:
         table = tables.side_by_side(Results(root))
         formats.write_all(Results(root), [table])
-        print(formats.markdown(table, terminal_width()))
-    return max(codes, default=0)
+        yield formats.markdown(table, terminal_width())
+    return max(codes)
 
 
-def compute(args: argparse.Namespace, matrix: Matrix, results: Results) -> list[Method]:
-    """Compute the missing results of a data set, and return its methods; or print a dry run."""
-    from geovp_benchmarks.running.dry_run import dry_run
+def options_of(args: argparse.Namespace) -> Options:
+    """Return the options of a run."""
     from geovp_benchmarks.running.plan import Options
+
+    return Options(args.limit, args.keep, args.fresh)
+
+
+def compute(
+    args: argparse.Namespace, matrix: Matrix, results: Results, progress: Progress
+) -> list[Method]:
+    """Compute the missing results of a data set, and return its methods."""
     from geovp_benchmarks.running.run import run
     from geovp_classic import registry
 
-    options = Options(args.limit, args.keep, args.fresh)
-    with progress_bar(matrix.name, "predictions") as progress:
-        if args.dry_run:
-            lines = dry_run(matrix, results, options, args.workers.get("workers", 1))
-            print(*lines, sep="\n")
-            return []
-        executor = registry.build("executors", args.workers)
-        return run(matrix, results, options, executor, progress)
+    executor = registry.build("executors", args.workers)
+    return run(matrix, results, options_of(args), executor, progress)
 
 
-def conclude(results: Results, methods: Sequence[Method], with_report: bool) -> int:
-    """Write tables and report, print the main table, and return the exit code."""
+def conclude(
+    results: Results, methods: Sequence[Method], progress: Progress | None = None
+) -> LinesAndCode:
+    """Write tables, and with a progress the report; yield the main table and return the code."""
     from geovp_benchmarks import plots, report
     from geovp_benchmarks.tables import formats, tables
 
     built = tables.build(results)
     formats.write_all(results, built)
-    with_report = with_report and any(method.num_clips for method in methods)
-    if with_report:
-        with progress_bar("plots", "figures") as progress:
-            report.write(results, plots.Options(), progress)
-    print(formats.markdown(built[0], terminal_width()))
-    print(f"tables: {results.tables}")
-    if with_report:
-        print(f"plots:  {results.plots}\nreport: {results.report}")
+    yield formats.markdown(built[0], terminal_width())
+    yield f"tables: {results.tables}"
+    if progress is not None and any(method.num_clips for method in methods):
+        report.write(results, plots.Options(), progress)
+        yield f"plots:  {results.plots}\nreport: {results.report}"
     return exit_code(methods)
 
 

@@ -15,7 +15,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import add, add_flag, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add, add_flag, add_group, add_shared
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--page", "FILE", text)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         case "md":
             width = None if args.page else terminal_width()
             text = "\n".join(formats.markdown(table, width) for table in tables)
-    print(text)
+    yield text
     if args.page is not None:
         if args.format != "md":
             raise BadData("--page is written as md: leave --format out")
@@ -72,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
         origin = f"`geovp table --page`; computed with {versions}"
         commands = [f"geovp run {protocol['name']}", shlex.join(["geovp", *args.words])]
         formats.write_page(args.page, protocol["name"], commands, origin, text)
-    return 0
 
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:

@@ -10,8 +10,8 @@ Examples:
 import argparse
 
 from geovp_benchmarks.arguments import at_least
-from geovp_benchmarks.cli.options import add, add_group, add_shared
-from geovp_benchmarks.progress import progress_bar, tracked
+from geovp_benchmarks.cli.options import LinesAndCode, add, add_group, add_shared
+from geovp_benchmarks.progress import Progress, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--tolerance", "X", text, 1e-4, type=at_least(0, float))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Print a line per pair; return 0 if all results are reproduced."""
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
@@ -35,16 +35,11 @@ def run(args: argparse.Namespace) -> int:
     for results in Results(args.folder).by_dataset().values():
         pairs += verification.sample(results, args.pairs, args.seed)
         verification.check_dataset(results, args.root)
-    with progress_bar("verify", "pairs") as progress:
-        verdicts = [
-            verification.verify(pair, args.root) for pair in tracked(pairs, len(pairs), progress)
-        ]
-    for verdict in verdicts:
-        print(verdict.sentence(args.tolerance))
-    good = sum(verdict.reproduces(args.tolerance) for verdict in verdicts)
-    print(
-        *verification.other_versions(pairs[0].results),
-        f"{good} of {len(verdicts)} reproduce",
-        sep="\n",
-    )
-    return int(good < len(verdicts))
+    good = 0
+    for pair in tracked(pairs, len(pairs), progress):
+        verdict = verification.verify(pair, args.root)
+        yield verdict.sentence(args.tolerance)
+        good += verdict.reproduces(args.tolerance)
+    yield from verification.other_versions(pairs[0].results)
+    yield f"{good} of {len(pairs)} reproduce"
+    return int(good < len(pairs))

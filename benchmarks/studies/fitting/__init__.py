@@ -3,8 +3,7 @@
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.options import add
-from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.cli.options import Progress, add
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
