@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import Literal
 
 import numpy as np
 
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
-from geovp_classic.observation import stream
+from geovp_classic.observation import Stream, stream
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.tracking import Image, Tracker, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
@@ -35,7 +34,7 @@ class Monocular:
     """
 
     scale: Scale = GroundPlane()
-    frames: Literal["crop", "full"] = "crop"
+    frames: Stream = "crop"
     tracking: Tracking = Tracking()
     # Images between two that the scale is measured with; the first that is long enough is used.
     # Images less than this many camera heights apart say little about the road.
@@ -72,9 +71,7 @@ class Monocular:
         ]
 
         # Track
-        tracker = track_clip(self.tracking, images, view.intrinsics)
-        tracker.map.adjust(num_fixed=1)
-        path = Path(*tracker.poses(), tracker.radial.mean)
+        path = self._track_images(images, view.intrinsics)
         is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
         if is_measured.sum() >= 2:
             path = path.select(is_measured)
@@ -141,6 +138,14 @@ class Monocular:
         return self._trajectory(
             world_from_cam, times_s, estimator.uncertainty
         ), tracked
+
+    def _track_images(
+        self, images: list[Image], intrinsics: Intrinsics
+    ) -> Path:
+        """Track the images of a clip, and adjust all of them together."""
+        tracker = track_clip(self.tracking, images, intrinsics)
+        tracker.map.adjust(num_fixed=1)
+        return Path(*tracker.poses(), tracker.radial.mean)
 
     def _fit_scale(
         self,

@@ -68,20 +68,19 @@ class Hindcast:
         numbers = np.linspace(0, len(earlier) - 1, self.num_frames)
         steps = np.unique(earlier[numbers.round().astype(int)])
         camera = context.intrinsics
-        width_px, height_px = self.view_size(camera)
+        size_px = self.view_size(camera)
         views = scene.view(
             past.world_from_cam[steps],
             past.times_s[steps],
-            camera.resized(width_px, height_px),
+            camera.resized(*size_px),
         )
-        last_frame = pinhole.resize(context.frames[-1], (width_px, height_px))
+        last_frame = pinhole.resize(context.frames[-1], size_px)
         errors = []  # of the scene and of copies
-        for number, step in enumerate(steps):
-            covered = views.covered[number]
+        for step, predicted, covered in zip(
+            steps, views.frames, views.covered, strict=True
+        ):
             if covered.any():
-                frame = context.frames[step]
-                frame = pinhole.resize(frame, (width_px, height_px))
-                predicted = views.frames[number]
+                frame = pinhole.resize(context.frames[step], size_px)
                 scene_error = _error(predicted, frame, covered)
                 copy_error = _error(last_frame, frame, covered)
                 errors.append((scene_error, max(copy_error, self.min_change)))

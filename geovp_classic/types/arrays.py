@@ -52,22 +52,22 @@ def store_checked(
     store(owner, field, array)
 
 
-def store_times(owner: object, field: str, count: int | None = None) -> None:
-    """Check that a field holds increasing times [count], and make it read-only."""
-    times_s = np.asarray(getattr(owner, field), dtype=np.float64)
+def store_times(owner: Any, count: int | None = None) -> None:
+    """Check that `times_s` [count] increases, and make it read-only."""
+    times_s = np.asarray(owner.times_s, dtype=np.float64)
     expected = (times_s.size if count is None else count,)
     if times_s.shape != expected:
         raise BadData(
-            f"{_name(owner)}: {field} has shape {times_s.shape}, expected {expected}"
+            f"{_name(owner)}: times_s has shape {times_s.shape}, expected {expected}"
         )
     is_valid = np.isfinite(times_s)
     is_valid[1:] &= np.diff(times_s) > 0
     if not is_valid.all():
         raise BadData(
-            f"{_name(owner)}: {field} must be finite and increase, but step "
+            f"{_name(owner)}: times_s must be finite and increase, but step "
             f"{np.argmin(is_valid)} does not"
         )
-    store(owner, field, times_s)
+    store(owner, "times_s", times_s)
 
 
 def store_rigid(

@@ -79,7 +79,7 @@ class Clip(ShortRepr):
         store_checked(self, "frames", np.uint8, shape)
         store_checked(self, "depths", np.float32, shape[:3])
         store_checked(self, "moving", bool, shape[:3])
-        store_times(self, "times_s", len(self))
+        store_times(self, len(self))
         for field in ("trajectory", "full", "right"):
             value = getattr(self, field)
             if value is not None and len(value) != len(self):
@@ -178,7 +178,7 @@ class Context(ShortRepr):
         store_checked(
             self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
         )
-        store_times(self, "times_s")
+        store_times(self)
         if self.num_future < 1:
             raise BadData(
                 f"context: {len(self.times_s)} times for {self.num_past} frames, expected more"

@@ -84,7 +84,7 @@ class Trajectory(ShortRepr):
 
     def __post_init__(self) -> None:
         store_rigid(self, "world_from_cam", 3)
-        store_times(self, "times_s", len(self.world_from_cam))
+        store_times(self, len(self.world_from_cam))
         uncertainty = self.scale_uncertainty
         if uncertainty is not None and not (
             self.is_metric and 0 <= uncertainty < np.inf
