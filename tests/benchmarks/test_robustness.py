@@ -73,12 +73,12 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
     [
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
         ("copy-last = {", f"{'x' * 300} = {{", "should match pattern"),
-        ("[32, 32]", "[30000, 30000]", "5 frames of 30000x30000 pixels: lower"),
-        ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
+        ("[32, 32]", "[30000, 30000]", "expected less than"),
+        ("num_past = 3", "num_past = 1000000000", "expected less than"),
         (
             "intrinsics = [40",
             "intrinsics = [nan",
-            "protocol.dataset.intrinsics[0] is nan, expected a finite number",
+            "not JSON compliant",
         ),
         ("stride = 3", f"stride = {'9' * 30}", "expected less than"),
         ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "expected a valid integer"),

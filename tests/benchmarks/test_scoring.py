@@ -117,10 +117,10 @@ def content(**metrics: Any) -> dict[str, Any]:
     return {"protocol": protocol, "predictors": {"copy": {"name": "copy-last"}}, "metrics": metrics}
 
 
-def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
-    frame = {"psnr": {"name": "psnr", "ceiling_db": 60.0}, "ssim": {"name": "ssim"}}
-    parsed = schema.parse("m", content(frame=frame, stabilised=["psnr"]))
-    assert list(parsed.frame_metrics) == ["psnr", "ssim", "psnr-stabilised"]
+def test_a_matrix_names_the_column_of_a_stabilised_metric() -> None:
+    psnr = {"name": "psnr", "ceiling_db": 60.0}
+    frame = {"psnr": psnr, "psnr-stabilised": {"name": "stabilised", "metric": psnr}}
+    parsed = schema.parse("m", content(frame=frame))
     built = Metrics.build(parsed.frame_metrics, {}, (32, 32)).frame["psnr-stabilised"]
     assert built == Stabilised(Psnr(ceiling_db=60.0))
     assert title("psnr-stabilised") == "PSNR, stabilised"

@@ -13,7 +13,6 @@ from geovp_benchmarks.results.store import (
     Results,
     ScoreRecord,
     Scores,
-    check_clip_name,
     write_bytes,
 )
 from geovp_classic.errors import BadData
@@ -255,15 +254,6 @@ def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -
     assert results.predictions("x") == ["good"]
     assert results.set_damaged_aside(None) == [kept]
     assert (results.clips(), results.set_damaged_aside(None)) == ([], [])
-
-
-def test_a_clips_name_fits_a_files_name() -> None:
-    check_clip_name("a")
-    check_clip_name("a" * 225)
-    with pytest.raises(BadData, match="takes 226 bytes"):
-        check_clip_name("a" * 226)
-    with pytest.raises(BadData, match="takes 228 bytes"):
-        check_clip_name("\u00e9" * 38)  # two bytes in UTF-8, %C3%A9 in the file's name
 
 
 DAMAGES = {

@@ -1,5 +1,6 @@
 """Schema of a matrix file: one protocol, and all components that run under it."""
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,12 +18,11 @@ from geovp_benchmarks.matrix.values import (
     Size,
     Spec,
     Specs,
-    check_storable,
 )
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.results.validation import validated
 from geovp_classic import registry
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
 
 RESERVED = (  # files and folders of the results
@@ -81,8 +81,6 @@ class MetricsTable(Table):
 
     frame: Specs = {name: {"name": name} for name in ("psnr", "ssim", "lpips")}
     trajectory: Specs = {name: {"name": name} for name in ("translation-error", "rotation-error")}
-    # frame metrics that are repeated without the rotation error
-    stabilised: list[str] = []
 
 
 class ComponentTables(Table):
@@ -207,17 +205,14 @@ def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """Return the matrix of a TOML file's content."""
-    check_storable(content)
+    try:
+        json.dumps(content, allow_nan=False)
+    except (TypeError, ValueError) as problem:  # such as a date or NaN, which results cannot hold
+        raise BadData(
+            f"the matrix file has another value than numbers and text: {problem}"
+        ) from problem
     file = validated(MatrixFile, protocols.expanded(content))
-    frame = dict(file.metrics.frame)
-    for metric in file.metrics.stabilised:
-        if metric not in file.metrics.frame:
-            raise UnknownComponent(
-                f"metrics.stabilised has an unknown frame metric {metric!r}"
-                f"{registry.nearest(metric, frame)}"
-            )
-        frame[f"{metric}-stabilised"] = {"name": "stabilised", "metric": frame[metric]}
-    trajectory = file.metrics.trajectory
+    frame, trajectory = file.metrics.frame, file.metrics.trajectory
     _check_columns([*frame, *trajectory])
     tables = file.model_dump(exclude={"metrics", "protocol"}) | file.protocol.model_dump()
     matrix = Matrix(name=name, **tables, frame_metrics=frame, trajectory_metrics=trajectory)
@@ -236,20 +231,13 @@ def _check_columns(names: list[str]) -> None:
 
 
 def _check_methods(matrix: Matrix) -> None:
-    """Raise BadData unless there are methods, with folders of their own and clips that fit."""
+    """Raise BadData unless there are methods, with folders of their own."""
     if bool(matrix.pose_sources) != bool(matrix.renderers) or not matrix.methods:
         raise BadData(
             "the matrix file has no complete method: give [pose_sources] and [renderers], or "
             "[predictors]"
         )
     check_folders([method.name for method in matrix.methods])
-    width_px, height_px = matrix.size_px
-    num_frames = matrix.num_past + matrix.num_future
-    if width_px * height_px * num_frames > 2**29:  # 1.5 GiB
-        raise BadData(
-            f"a clip would have {num_frames} frames of {width_px}x{height_px} pixels: lower "
-            "size_px, num_past or num_future"
-        )
 
 
 def check_folders(names: Sequence[str]) -> None:

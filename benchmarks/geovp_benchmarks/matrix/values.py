@@ -1,13 +1,11 @@
 """Types of the values in a matrix file."""
 
 from collections.abc import Mapping
-from math import inf
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
 from geovp_benchmarks.matrix import DEVICE
-from geovp_classic.errors import BadData
 
 
 def _named(value: Any) -> Any:
@@ -37,20 +35,9 @@ def _by_name(value: Any) -> Any:
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
-Count = Annotated[int, Field(strict=True, ge=1, lt=2**31)]
+Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 Device = Annotated[str, Field(pattern=DEVICE)]
 # The name of a method has two of these, and file systems allow 255 bytes.
 FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]{0,95}$")]
-Size = tuple[Count, Count]  # width, height
-
-
-def check_storable(value: object, where: str = "") -> None:
-    """Raise BadData for a value that results cannot hold: a date or NaN."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            check_storable(item, f"{where}.{key}".removeprefix("."))
-    elif isinstance(value, list):
-        for number, item in enumerate(value):
-            check_storable(item, f"{where}[{number}]")
-    elif not isinstance(value, str) and not (isinstance(value, int | float) and abs(value) < inf):
-        raise BadData(f"{where} is {value}, expected a finite number, true, false or a text")
+Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+Size = tuple[Pixels, Pixels]  # width, height

@@ -130,14 +130,12 @@ class ScoreFiles:
 
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
-        rows = [row for scores, _ in scored for row in scores.rows()]
         names = ("clip", "sample", "step", "metric", "value")
         kinds = (object, np.int32, np.int32, object, np.float64)
-        columns = {
-            name: np.array([row[place] for row in rows], kind)
-            for place, (name, kind) in enumerate(zip(names, kinds, strict=True))
-        }
-        self._database.register("scores", columns)
+        rows = (row for scores, _ in scored for row in scores.rows())
+        columns = zip(names, kinds, zip(*rows, strict=True), strict=False)
+        arrays = {name: np.array(column, kind) for name, kind, column in columns}
+        self._database.register("scores", arrays)
         query = (
             f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, sample, step, "
             "metric::VARCHAR AS metric, if(isnan(value), NULL, value) AS value FROM scores"
@@ -222,9 +220,7 @@ class ScoreFiles:
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)
         except duckdb.IOException as problem:
-            full = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-            code = next((each for each in full if os.strerror(each) in str(problem)), errno.EIO)
-            raise OSError(code, str(problem), str(folder)) from problem
+            raise OSError(errno.EIO, str(problem), str(folder)) from problem
         finally:
             scratch.unlink(missing_ok=True)
         return path

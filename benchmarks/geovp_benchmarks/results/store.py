@@ -37,7 +37,7 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, FloatArray, Prediction
 
-__all__ = ["Method", "Results", "ScoreRecord", "Scores", "check_clip_name"]
+__all__ = ["Method", "Results", "ScoreRecord", "Scores"]
 
 T = TypeVar("T")
 
@@ -315,17 +315,6 @@ class Results:
 def quoted(clip: str) -> str:
     """Return the part of a file name from which the name of a clip can be recovered."""
     return quote(clip, safe="+@=, ")
-
-
-def check_clip_name(clip: str) -> None:
-    """Raise BadData for a name of a clip that its kept files cannot have."""
-    files.check_name(clip, "the clip")
-    max_bytes = 225  # of 255 that file systems allow: scratch files have longer names
-    if len(quoted(clip)) > max_bytes:
-        raise BadData(
-            f"the clip {clip[:40]!r}... takes {len(quoted(clip))} bytes as a file's name, where "
-            f"letters beyond English count 3 to 12: give its sequence a name of {max_bytes} at most"
-        )
 
 
 def _names(pattern: Path) -> list[str]:

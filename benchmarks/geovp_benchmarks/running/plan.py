@@ -10,7 +10,7 @@ from geovp_benchmarks.matrix.components import weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.score_files import Failure
-from geovp_benchmarks.results.store import Results, check_clip_name
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.selection import Selection, select
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
 from geovp_classic import registry
@@ -153,8 +153,6 @@ def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
         raise BadData(
             "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
         )
-    for clip in clips:
-        check_clip_name(clip)
     plan = Plan(built, results, clips, select(options.keep, clips, matrix), options.fresh)
     if results.begun and options.limit is not None:
         stored = results.protocol()

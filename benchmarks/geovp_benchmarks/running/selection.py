@@ -62,26 +62,30 @@ def rank(keep: str, results: Results, num_clips: int = 3) -> Selection:
     """
     which, _, metric = keep.partition(":")
     protocol = results.protocol()
-    methods = [method for method in results.methods() if method.status == "done"]
-    for method in sorted(methods, key=lambda method: method.kind != "geometric"):
-        samples = results.means(method.name).get(metric, np.empty((0, 1)))
-        failed = results.failures(method.name)
-        means = statistics.over_steps(samples).tolist()  # over samples
-        pairs = zip(protocol["clips"], means, strict=False)
-        scores = {clip: mean for clip, mean in pairs if clip not in failed and math.isfinite(mean)}
-        if scores:
+    done = [method for method in results.methods() if method.status == "done"]
+    for method in sorted(done, key=lambda method: method.kind != "geometric"):
+        samples = results.means(method.name).get(metric)
+        if samples is None:
+            continue
+        means = statistics.over_steps(samples)  # over samples
+        means[np.isin(protocol["clips"], [*results.failures(method.name)])] = np.nan
+        if np.isfinite(means).any():
             break
     else:
         raise BadData(f"--keep {keep}: no method is complete with this metric: see below the table")
     is_lower_better = protocol["metrics"][metric]["higher_is_better"] is False
-    ranked = sorted(scores, key=scores.__getitem__, reverse=is_lower_better == (which == "worst"))
+    sign = -1 if is_lower_better == (which == "worst") else 1
+    ranked = [
+        number
+        for number in np.argsort(sign * means, kind="stable").tolist()
+        if np.isfinite(means[number])
+    ]
     num_frames = protocol["num_past"] + protocol["num_future"]
     min_distance = math.ceil(num_frames / protocol["stride"])  # in clips
-    position = {clip: index for index, clip in enumerate(protocol["clips"])}
-    clips: list[str] = []
-    for clip in ranked:
-        distances = [abs(position[clip] - position[other]) for other in clips]
-        if len(clips) < num_clips and min(distances, default=min_distance) >= min_distance:
-            clips.append(clip)
-    clips = list(dict.fromkeys([*clips, *ranked]))[:num_clips]
-    return Selection(tuple(clips), f"{which} {title(metric)} of {method.label}")
+    apart: list[int] = []
+    for number in ranked:
+        if all(abs(number - other) >= min_distance for other in apart):
+            apart.append(number)
+    best = list(dict.fromkeys([*apart[:num_clips], *ranked]))[:num_clips]
+    clips = tuple(protocol["clips"][number] for number in best)
+    return Selection(clips, f"{which} {title(metric)} of {method.label}")
