@@ -67,8 +67,12 @@ class FocalLengthEstimator:
 
         The result is None if no window is informative.
         """
-        long = (each for each in windows if len(each) >= self.min_images)
-        informative = list(filter(None, map(self._root, long)))
+        roots = [
+            self._root(window)
+            for window in windows
+            if len(window) >= self.min_images
+        ]
+        informative = [root for root in roots if root is not None]
         if not informative:
             return None
         logs, sds = np.array(informative).T
