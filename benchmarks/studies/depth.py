@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Yield medians over clips by source and set of pixels."""
-    dataset = registry.build("datasets", {"name": "synthetic", "num_clips": args.clips})
+    street = {"name": "synthetic", "num_clips": args.clips, "num_frames": 11}
+    dataset = registry.build("datasets", street)
     sources = {
         "multiview": {"name": "multiview"},
         "without ground": {"name": "multiview", "ground": "none"},

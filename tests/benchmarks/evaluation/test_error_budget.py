@@ -27,7 +27,7 @@ TABLES: dict[str, dict[str, Any]] = {
         "num_past": 6,
         "num_future": 6,
         "stride": 10,
-        "size_px": [96, 96],
+        "size_px": [64, 64],
     },
     "pose_sources": {"past": PAST},
     "renderers": {"fusion": "depth-fusion"},
@@ -51,7 +51,7 @@ def rows_of(lines: list[str]) -> dict[str, list[str]]:
 def method() -> Method:
     """Return the method of the street with three clips and one metric."""
     dataset = {"name": "synthetic", "num_clips": 3}
-    protocol = {**TABLES["protocol"], "dataset": dataset}
+    protocol = {**TABLES["protocol"], "dataset": dataset, "size_px": [32, 32]}
     matrix = schema.parse(
         "street", {**TABLES, "protocol": protocol, "metrics": {"frame": ["psnr"]}}
     )
