@@ -222,17 +222,6 @@ def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
     assert facts["speed_m_s"] == 0.0
 
 
-def test_equal_images_are_scored_once_unless_other_pixels_are_covered() -> None:
-    metric, context = Masked(), ScoredClip(standing(), PAST)
-    for prediction, asked in (
-        (halves(2), 2),
-        (halves(2), 2),
-        (replace(halves(1), covered=None), 3),
-    ):
-        score(context, prediction, Metrics({"grey": metric}, {}))
-        assert len(metric.asked) == asked
-
-
 @pytest.mark.parametrize(
     ("sideways_m", "expected"), [([0.0, 1.0, 2.5], [0.0, 1.0, 2.5]), ([2.0], [2.0, 2.0, 2.0])]
 )

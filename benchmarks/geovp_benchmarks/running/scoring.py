@@ -1,8 +1,7 @@
 """Metrics of a matrix, and the scores of one prediction."""
 
-import hashlib
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self
@@ -105,11 +104,10 @@ def _meaning(metric: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ScoredClip:
-    """Clip with its truth; equal predictions of it are scored once."""
+    """Clip with its truth, which is prepared once for all predictions."""
 
     clip: Clip
     num_past: int
-    scores: dict[Hashable, Sequence[FloatArray]] = field(default_factory=dict)
     targets: dict[str, Any] = field(default_factory=dict)  # by metric, as it prepares them
 
     @cached_property
@@ -177,11 +175,9 @@ def _values(
 ) -> Iterator[tuple[str, FloatArray]]:
     """Yield columns with the values [F] of one sample."""
     predicted = prediction.frames[sample]
-    digest = hashlib.sha256(predicted.tobytes())
     masks: dict[str, BoolArray | None] = {"": None}
     if prediction.covered is not None:
         covered = prediction.covered[sample]
-        digest.update(covered.tobytes())
         masks["@covered"] = covered
         yield COVERAGE, covered.mean(axis=(1, 2))
     if prediction.confidence is not None:
@@ -192,11 +188,8 @@ def _values(
         if isinstance(metric, Stabilised):
             stabilised[name] = metric.metric
             continue
-        key = name, digest.digest()
-        if key not in clip.scores:
-            clip.scores[key] = clip.values(name, metric, predicted, [*masks.values()])
-        for suffix, values in zip(masks, clip.scores[key], strict=True):
-            yield name + suffix, values
+        values = clip.values(name, metric, predicted, [*masks.values()])
+        yield from zip((name + suffix for suffix in masks), values, strict=True)
     motion, (context, target) = prediction.motion, clip.truth
     if motion is None or context.past is None or target.trajectory is None:
         return
