@@ -139,9 +139,9 @@ def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_pat
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     with pytest.raises(BadData, match=rf"{cut.name} is damaged"):
         results.scores("x")
-    assert results.set_damaged_aside("x") == [cut]
-    assert values(results) == [3.0]
-    assert cut.with_name(f"{cut.name}.damaged").exists()
+    assert results.damaged_files() == [cut]
+    cut.unlink()
+    assert values(Results(tmp_path)) == [3.0]
     assert other.exists()
 
 
@@ -240,7 +240,7 @@ def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path
     assert results.clips() == [NAME]
 
 
-def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -> None:
+def test_damaged_kept_files_are_noticed(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_clip(clip())
     results.write_prediction("x", "good", Prediction(clip().frames[None]))
@@ -250,10 +250,7 @@ def test_damaged_kept_files_are_set_aside_by_method_or_for_all(tmp_path: Path) -
     (kept,) = (tmp_path / "clips").iterdir()
     for path in (bad, kept):
         path.write_bytes(path.read_bytes()[:-30])
-    assert results.set_damaged_aside("x") == [bad]
-    assert results.predictions("x") == ["good"]
-    assert results.set_damaged_aside(None) == [kept]
-    assert (results.clips(), results.set_damaged_aside(None)) == ([], [])
+    assert results.damaged_files() == [kept, bad]
 
 
 DAMAGES = {

@@ -61,5 +61,5 @@ def examine_results(root: Path) -> Iterator[str]:
                     f"{Path(label, name)}: scores of {len(missing)} of {len(clips)} clips are "
                     f"missing, such as {missing[0]}"
                 )
-            for path in results.damaged_scores(name):
-                yield f"{path} is damaged"
+        for path in results.damaged_files():
+            yield f"{path} is damaged"

@@ -138,7 +138,7 @@ class Results:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
 
         def read() -> Scores:
-            if damaged := self.damaged_scores(method):
+            if damaged := self._read(method)[1]:
                 raise BadData(
                     f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
                 )
@@ -172,7 +172,7 @@ class Results:
 
     def prediction(self, method: str, clip: str) -> Prediction:
         """Return a kept prediction."""
-        return kept_files.read(self._prediction(method, quoted(clip)), Prediction)
+        return kept_files.read(self._prediction(method, clip), Prediction)
 
     def clips(self, fingerprint: str = "") -> list[str]:
         """Return the names of the kept clips."""
@@ -180,7 +180,7 @@ class Results:
 
     def clip(self, name: str) -> Clip:
         """Return a kept clip, past and future, without full and right frames."""
-        return kept_files.read(self._clip(quoted(name)), Clip)
+        return kept_files.read(self._clip(name), Clip)
 
     @_remembered
     def score_records(self, method: str, fingerprint: str = "") -> list[ScoreRecord]:
@@ -189,13 +189,21 @@ class Results:
         Those of the method as it is now, or of another fingerprint.
         """
         fingerprint = fingerprint or self._fingerprint(method)
-        stored, _ = self._reread(lambda: self._score_files.read(method))
-        fitting = [record for record in stored if record.fingerprint == fingerprint]
+        fitting = [each for each in self._read(method)[0] if each.fingerprint == fingerprint]
         return newest(fitting, self.protocol()["clips"] if self.begun else ())
 
-    def damaged_scores(self, method: str) -> list[Path]:
-        """Return the score files that are not as they were written."""
-        return self._reread(lambda: self._score_files.read(method))[1]
+    def damaged_files(self) -> list[Path]:
+        """Return the score files and kept files of this protocol that are not as written."""
+        damaged: set[Path] = set()
+        kept = [self._clip(name) for name in self.clips()]
+        for method in self.protocol()["methods"]:
+            damaged.update(self._read(method)[1])
+            kept += [self._prediction(method, name) for name in self.predictions(method)]
+        return sorted(damaged.union(path for path in kept if not kept_files.is_whole(path)))
+
+    def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
+        """Return all records of a method, and its damaged score files."""
+        return self._reread(lambda: self._score_files.read(method))
 
     @property
     def _score_files(self) -> ScoreFiles:
@@ -207,16 +215,16 @@ class Results:
         stored = self._method(method)
         return stored.fingerprint if stored else ""
 
-    def _prediction(self, method: str, stem: str, fingerprint: str = "") -> Path:
+    def _prediction(self, method: str, clip: str, fingerprint: str = "") -> Path:
         """Return the file of a prediction of the method as it is now or of a fingerprint."""
-        name = f"{stem}.{(fingerprint or self._fingerprint(method))[:8]}.npz"
-        return self.root / method / "predictions" / name
+        file = f"{quoted(clip)}.{(fingerprint or self._fingerprint(method))[:8]}.npz"
+        return self.root / method / "predictions" / file
 
-    def _clip(self, stem: str, fingerprint: str = "") -> Path:
+    def _clip(self, name: str, fingerprint: str = "") -> Path:
         """Return the file of a clip of the protocol as it is now or of a fingerprint."""
         if not fingerprint and self.begun:
             fingerprint = str(self.protocol().get("fingerprint", ""))
-        return self.root / "clips" / f"{stem}.{fingerprint[:8]}.npz"
+        return self.root / "clips" / f"{quoted(name)}.{fingerprint[:8]}.npz"
 
     def _reread(self, read: Callable[[], T], max_tries: int = 5) -> T:
         """Return what is read, again where a run has merged files meanwhile."""
@@ -279,23 +287,11 @@ class Results:
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
-        kept_files.write(self._prediction(method, quoted(clip)), prediction)
+        kept_files.write(self._prediction(method, clip), prediction)
 
     def write_clip(self, clip: Clip) -> None:
         """Keep a clip, so that images and new scores need no data set."""
-        kept_files.write(self._clip(quoted(clip.name)), clip)
-
-    def set_damaged_aside(self, method: str | None) -> list[Path]:
-        """Rename damaged score files and predictions of a method, or of None damaged clips."""
-        if method is None:
-            damaged, kept = [], [self._clip(quoted(name)) for name in self.clips()]
-        else:
-            damaged = self.damaged_scores(method)
-            kept = [self._prediction(method, quoted(name)) for name in self.predictions(method)]
-        damaged += [path for path in kept if not kept_files.is_whole(path)]
-        for path in damaged:
-            path.rename(path.with_name(f"{path.name}.damaged"))
-        return damaged
+        kept_files.write(self._clip(clip.name), clip)
 
     def discard(self, method: str) -> None:
         """Remove scores and predictions of a method as it is now; those of other settings stay."""
@@ -313,8 +309,8 @@ class Results:
 
 
 def quoted(clip: str) -> str:
-    """Return the part of a file name from which the name of a clip can be recovered."""
-    return quote(clip, safe="+@=, ")
+    """Return the part of a file name from which the name of a clip can be recovered; * stays."""
+    return quote(clip, safe="+@=, *")
 
 
 def _names(pattern: Path) -> list[str]:

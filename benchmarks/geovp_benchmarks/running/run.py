@@ -106,16 +106,14 @@ def begin(plan: Plan) -> None:
     """
     results = plan.results
     results.write_protocol(plan.protocol)
-    for name in (None, *plan.protocol["methods"]):
-        for path in results.set_damaged_aside(name):
-            logger.warning(
-                "%s was damaged: it is set aside as %s.damaged and computed again", path, path.name
-            )
     for method, record in plan.records.items():
         stored = results.method(method.name)
         is_same = stored is not None and stored.num_clips and stored.asked == record["asked"]
         if record["fingerprint"] or not is_same:  # else another machine could build and run it
             results.write_method(method.name, record)
+    for path in results.damaged_files():
+        aside = path.rename(path.with_name(f"{path.name}.damaged"))
+        logger.warning("%s was damaged: it is set aside as %s and computed again", path, aside.name)
 
 
 def finish(plan: Plan, batch: Iterable[Scored]) -> None:
