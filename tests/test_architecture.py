@@ -29,7 +29,7 @@ BENCHMARK_LAYERS = [
     {"progress"},
     {"results"},
     {"matrix", "analysis"},
-    {"arguments", "tables"},
+    {"tables"},
     {"plots", "running"},
     {"report", "predict", "audit", "evaluation"},
     {"cli"},

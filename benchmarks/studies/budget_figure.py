@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.arguments import figure_file
 from geovp_benchmarks.cli.options import Progress, add, add_shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
@@ -17,7 +16,7 @@ from studies._figures import panels
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and the figure."""
     add_shared(parser, "matrix", "--method", "--root", "--limit", "--set")
-    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.", type=figure_file)
+    add(parser, "figure", "FIGURE", "File of the figure: png, pdf or svg.")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

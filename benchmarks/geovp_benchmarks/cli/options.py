@@ -1,12 +1,12 @@
 """Options of the commands: types by metavar, and the options that several commands share."""
 
 import argparse
+import math
 import tomllib
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.matrix import CONFIGS, DEVICE
 from geovp_benchmarks.progress import Progress as Progress
 
@@ -60,10 +60,11 @@ def add(
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
+        "FIGURE": figure_file,
         "FILE": Path,
         "FOLDER": Path,
         "MATRIX": Path,
-        "N": positive,
+        "N": at_least(1),
         "SIZE": size_px,
         "SPEC": spec,
         "WORKERS": executor,
@@ -100,6 +101,31 @@ def complete_with(argument: argparse.Action, words: Callable[[], Iterable[str]])
     vars(argument)["completer"] = lambda **_: words()
 
 
+def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
+    """Return the type of an argument: a finite number of at least `minimum`."""
+
+    def number(text: str) -> int | float:
+        value = kind(text)
+        if not minimum <= value < math.inf:
+            raise argparse.ArgumentTypeError(
+                f"{text} is not a {'whole ' * (kind is int)}number of {minimum} or more"
+            )
+        return value
+
+    return number
+
+
+def figure_file(text: str) -> Path:
+    """Return the path of a figure; raise ArgumentTypeError if it cannot be written."""
+    path = Path(text)
+    endings = (".png", ".pdf", ".svg")
+    if path.suffix not in endings or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a file {', '.join(endings)} in a folder that exists"
+        )
+    return path
+
+
 def device(text: str) -> str:
     """Check the name of a device."""
     if not DEVICE.fullmatch(text):
@@ -111,7 +137,9 @@ def executor(text: str) -> dict[str, Any]:
     """Return the table of an executor for a number of processes or the address of a scheduler."""
     if ":" in text:
         return {"name": "dask", "address": text}
-    return {"name": "serial"} if text == "1" else {"name": "processes", "workers": positive(text)}
+    return (
+        {"name": "serial"} if text == "1" else {"name": "processes", "workers": at_least(1)(text)}
+    )
 
 
 def spec(text: str) -> dict[str, Any] | str:
@@ -127,4 +155,5 @@ def spec(text: str) -> dict[str, Any] | str:
 def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
     width, _, height = text.partition("x")
-    return positive(width), positive(height or width)
+    side_px = at_least(1)
+    return side_px(width), side_px(height or width)

@@ -12,8 +12,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.arguments import at_least
-from geovp_benchmarks.cli.options import Lines, Progress, add, add_group
+from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, at_least
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,9 +13,8 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from geovp_benchmarks.arguments import at_least
 from geovp_benchmarks.cli.messages import logger
-from geovp_benchmarks.cli.options import Lines, add, add_flag, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, add, add_flag, add_group, add_shared, at_least
 from geovp_benchmarks.progress import Progress, announce
 
 

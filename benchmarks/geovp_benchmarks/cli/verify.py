@@ -9,8 +9,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.arguments import at_least
-from geovp_benchmarks.cli.options import LinesAndCode, add, add_group, add_shared
+from geovp_benchmarks.cli.options import LinesAndCode, add, add_group, add_shared, at_least
 from geovp_benchmarks.progress import Progress, tracked
 
 

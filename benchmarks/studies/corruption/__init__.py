@@ -16,7 +16,6 @@ from operator import or_
 
 import numpy as np
 
-from geovp_benchmarks.arguments import figure_file
 from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "frames", "FRAMES", text, default, nargs="*")
     add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 60.", 60)
     add(parser, "--only", "NAME...", "Names of the corruptions. Default: all.")
-    add(parser, "--plot", "FILE", "File for curves: png, pdf or svg.", type=figure_file)
+    add(parser, "--plot", "FIGURE", "File for curves: png, pdf or svg.")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
