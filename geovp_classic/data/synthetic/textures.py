@@ -131,14 +131,15 @@ def mip_maps() -> tuple[ByteArray, ...]:
         _painted(np.random.default_rng([20_110_926, number]), **table)
         for number, table in enumerate(TABLES.values())
     ]
-    levels = [np.array(images)]
-    while levels[-1].shape[1] > 1:
-        size = levels[-1].shape[1] // 2
+    levels = []
+    size = SIZE
+    while size > 0:
         smaller = [
             cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
             for image in images
         ]
         levels.append(np.array(smaller))
+        size //= 2
     return tuple(levels)
 
 
