@@ -5,7 +5,6 @@ maps a ray of camera a to its epipolar line in camera b: E = [t]x R with b_from_
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,17 +14,19 @@ from geovp_classic.geometry import se3
 from geovp_classic.geometry.robust import geman_mcclure_weight, irls
 from geovp_classic.types import BoolArray, FloatArray
 
-Kind = Literal["unknown", "stationary", "rotation", "general"]
-
 
 @dataclass(frozen=True)
 class TwoView:
     """The motion between two images."""
 
-    kind: Kind
-    b_from_a: FloatArray  # [4, 4]; the translation has length 1 when `kind` is "general", else 0
+    b_from_a: FloatArray  # [4, 4]; the translation has length 1, or 0 where none is visible
     inliers: BoolArray  # [N]
     parallax: float  # median shift of the inliers on z = 1 beyond the rotation
+
+    @property
+    def has_translation(self) -> bool:
+        """Return whether the camera moved, by more than a rotation."""
+        return bool(self.b_from_a[:3, 3].any())
 
 
 @dataclass(frozen=True)
@@ -45,27 +46,23 @@ class TwoViewEstimator:
         rays_a: FloatArray,  # [N, 2]
         rays_b: FloatArray,  # [N, 2]
         noise: float,  # standard deviation of a ray's coordinates: pixels / focal length
-    ) -> TwoView:
+    ) -> TwoView | None:
         """Return no motion, a rotation, or a general motion, whichever fits first.
 
-        The kind is "unknown" with too few points, or if most of them share no motion.
+        None with too few points, or if most of them share no motion.
         """
-        unknown = TwoView(
-            "unknown", np.eye(4), np.zeros(len(rays_a), dtype=bool), 0.0
-        )
         if len(rays_a) < self.min_points:
-            return unknown
+            return None
         max_error = self.max_inlier_error * noise
         b_from_a = np.eye(4)
-        kinds: tuple[Kind, ...] = ("stationary", "rotation")
-        for kind in kinds:
-            if kind == "rotation":
+        for is_rotated in (False, True):
+            if is_rotated:
                 b_from_a[:3, :3] = best_rotation(rays_a, rays_b, noise)
             shift = parallax(b_from_a, rays_a, rays_b)
             fits = shift < max_error
             if fits.mean() >= self.min_static_fraction:
-                return TwoView(kind, b_from_a, fits, float(np.median(shift)))
-        return self._general(rays_a, rays_b, noise) or unknown
+                return TwoView(b_from_a, fits, float(np.median(shift)))
+        return self._general(rays_a, rays_b, noise)
 
     def _general(
         self, rays_a: FloatArray, rays_b: FloatArray, noise: float
@@ -112,9 +109,7 @@ class TwoViewEstimator:
             self.min_points, self.min_in_front_fraction * fits.sum()
         ):
             return None
-        return TwoView(
-            "general", b_from_a, inliers, float(np.median(shift[inliers]))
-        )
+        return TwoView(b_from_a, inliers, float(np.median(shift[inliers])))
 
 
 def homogeneous(rays: FloatArray) -> FloatArray:

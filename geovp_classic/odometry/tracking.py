@@ -195,11 +195,11 @@ class Tracker:
             world.lens.rays(pixels),
             world.noise,
         )
-        inliers = motion.inliers
         min_fraction = settings.min_start_fraction
         min_inliers = max(settings.min_start_points, min_fraction * len(index))
-        if inliers.sum() < min_inliers:
+        if motion is None or motion.inliers.sum() < min_inliers:
             return None
+        inliers = motion.inliers
         num_reference = world.observed[-1].sum()
         few_left = (
             inliers.sum() < settings.min_reference_fraction * num_reference
@@ -208,7 +208,7 @@ class Tracker:
             0.0 if few_left else settings.keyframes.min_start_parallax
         )
         initialises = motion.parallax > max(min_parallax, 4 * world.noise)
-        initialises &= motion.kind == "general"
+        initialises &= motion.has_translation
         if has_map:
             world.keep_newest_only()
         assert self._keyframe is not None

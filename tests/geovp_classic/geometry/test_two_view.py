@@ -50,7 +50,8 @@ def test_rotation_and_direction_have_the_right_sign(
 ) -> None:
     b_from_a = se3.exp(np.array([*translation, 0.01, 0.03, -0.005]))
     found = ESTIMATOR.estimate(*observations(b_from_a, NOISE), NOISE)
-    assert found.kind == "general"
+    assert found is not None
+    assert found.has_translation
     assert angle_deg(found.b_from_a[:3, 3], b_from_a[:3, 3]) < 0.6
     assert np.degrees(se3.rotation_angle_rad(se3.inverse(found.b_from_a) @ b_from_a)) < 0.05
     assert np.linalg.norm(found.b_from_a[:3, 3]) == pytest.approx(1)
@@ -71,7 +72,7 @@ def test_a_stationary_camera_behind_traffic() -> None:
     a, b = observations(np.eye(4), NOISE)
     b[:60] += 0.05  # a fifth of the points drives by
     found = ESTIMATOR.estimate(a, b, NOISE)
-    assert found.kind == "stationary"
+    assert found is not None
     np.testing.assert_array_equal(found.b_from_a, np.eye(4))
     assert not found.inliers[:60].any()
 
@@ -80,23 +81,18 @@ def test_a_stationary_camera_behind_traffic() -> None:
 def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
     b_from_a = se3.exp(np.concatenate([np.zeros(3), angle_rad * np.eye(3)[axis]]))
     found = ESTIMATOR.estimate(*observations(b_from_a, NOISE), NOISE)
-    assert found.kind == "rotation"
-    np.testing.assert_array_equal(found.b_from_a[:3, 3], 0)
+    assert found is not None
+    assert not found.has_translation
     assert np.degrees(se3.rotation_angle_rad(se3.inverse(found.b_from_a) @ b_from_a)) < 0.01
     assert found.parallax < 3 * NOISE
 
 
 def test_too_few_or_random_points_have_an_unknown_motion() -> None:
     a, b = observations(se3.exp(np.array([0, 0, -1.0, 0, 0, 0])))
-    few = ESTIMATOR.estimate(a[:7], b[:7], NOISE)
-    assert (few.kind, few.parallax) == ("unknown", 0.0)
-    np.testing.assert_array_equal(few.b_from_a, np.eye(4))
+    assert ESTIMATOR.estimate(a[:7], b[:7], NOISE) is None
     rng = np.random.default_rng(0)
-    found = ESTIMATOR.estimate(
-        rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE
-    )
-    assert found.kind == "unknown"
-    assert not found.inliers.any()
+    a, b = rng.uniform(-0.5, 0.5, (2, 200, 2))
+    assert ESTIMATOR.estimate(a, b, NOISE) is None
 
 
 def test_refinement_converges_from_nearby() -> None:
@@ -167,13 +163,14 @@ def test_two_fifths_of_outliers_do_not_change_a_rotation() -> None:
 
 
 @pytest.mark.parametrize(("num_moving", "is_static"), [(85, True), (95, False)])
-@pytest.mark.parametrize(("turn_rad", "kind"), [(0.0, "stationary"), (0.05, "rotation")])
+@pytest.mark.parametrize("turn_rad", [0.0, 0.05])
 def test_a_static_motion_needs_seven_tenths_of_the_points(
-    num_moving: int, is_static: bool, turn_rad: float, kind: str
+    num_moving: int, is_static: bool, turn_rad: float
 ) -> None:
     a, b = observations(se3.exp(np.array([0, 0, 0, 0, turn_rad, 0])))
     b[:num_moving] += np.random.default_rng(3).uniform(0.02, 0.2, (num_moving, 2))  # of 300
-    assert (ESTIMATOR.estimate(a, b, NOISE).kind == kind) == is_static
+    found = ESTIMATOR.estimate(a, b, NOISE)
+    assert (found is not None and not found.has_translation) == is_static
 
 
 def test_parallax_is_the_median_shift_and_inliers_are_within_three_deviations() -> None:
@@ -182,7 +179,9 @@ def test_parallax_is_the_median_shift_and_inliers_are_within_three_deviations() 
         [[2.9 * NOISE, 0], [0, 0.5 * NOISE], [-3.1 * NOISE, 0]], [40, 200, 60], axis=0
     )
     found = ESTIMATOR.estimate(a, b, NOISE)
-    assert (found.kind, found.parallax) == ("stationary", pytest.approx(0.5 * NOISE))
+    assert found is not None
+    assert found.parallax == pytest.approx(0.5 * NOISE)
+    np.testing.assert_array_equal(found.b_from_a, np.eye(4))
     np.testing.assert_array_equal(found.inliers, np.arange(300) < 240)
 
 
@@ -200,5 +199,4 @@ def test_parallax_of_a_general_motion_is_the_median_shift_without_the_rotation()
 def test_eight_points_are_enough(count: int, known: bool) -> None:
     a, b = observations(np.eye(4), NOISE)
     found = ESTIMATOR.estimate(a[:count], b[:count], NOISE)
-    assert (found.kind == "stationary") == known
-    assert len(found.inliers) == count
+    assert (found is not None) == known
