@@ -145,6 +145,13 @@ def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_pat
     assert other.exists()
 
 
+def test_a_clip_without_any_score_is_stored(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_scores([(Scores(["a"], {}), ScoreRecord("x", ["a"], "f"))])
+    assert results.scores("x").values == {}
+    assert [record.clips for record in results.score_records("x")] == [["a"]]
+
+
 def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
     results, reader = begun(tmp_path), Results(tmp_path)
     for clip_name in "ab":

@@ -102,7 +102,10 @@ class ScoreFiles:
             return Scores(clips, {})
         rows = self._rows(records, clips)
         query = f"SELECT metric, max(sample) + 1, max(step) FROM {rows} GROUP BY 1 ORDER BY 1"
-        metrics, samples, steps = zip(*self._database.execute(query).fetchall(), strict=True)
+        extents = self._database.execute(query).fetchall()
+        if not extents:
+            return Scores(clips, {})
+        metrics, samples, steps = zip(*extents, strict=True)
         shape = (len(metrics), len(clips), max(samples), max(steps))
         query = (
             "SELECT (((list_position($metrics, metric) - 1) * $clips + number) * $samples + sample)"
@@ -130,15 +133,17 @@ class ScoreFiles:
 
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
-        names = ("clip", "sample", "step", "metric", "value")
-        kinds = (object, np.int32, np.int32, object, np.float64)
-        rows = (row for scores, _ in scored for row in scores.rows())
-        columns = zip(names, kinds, zip(*rows, strict=True), strict=False)
-        arrays = {name: np.array(column, kind) for name, kind, column in columns}
-        self._database.register("scores", arrays)
+        rows = [row for scores, _ in scored for row in scores.rows()]
+        kinds = {"clip": object, "sample": int, "step": int, "metric": object, "value": float}
+        columns = {
+            name: np.array([row[place] for row in rows], kind)
+            for place, (name, kind) in enumerate(kinds.items())
+        }
+        self._database.register("scores", columns)
         query = (
-            f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, sample, step, "
-            "metric::VARCHAR AS metric, if(isnan(value), NULL, value) AS value FROM scores"
+            f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, "
+            "sample::INTEGER AS sample, step::INTEGER AS step, metric::VARCHAR AS metric, "
+            "if(isnan(value), NULL, value) AS value FROM scores"
         )
         now = time.time_ns()
         facts = {clip: numbers for scores, _ in scored for clip, numbers in scores.facts.items()}
