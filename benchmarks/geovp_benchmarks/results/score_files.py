@@ -111,8 +111,8 @@ class ScoreFiles:
             "SELECT (((list_position($metrics, metric) - 1) * $clips + number) * $samples + sample)"
             f" * $steps + step - 1 AS place, coalesce(value, 'nan') AS value FROM {rows}"
         )
-        extents = dict(zip(("clips", "samples", "steps"), shape[1:], strict=True))
-        columns = self._database.execute(query, {"metrics": metrics, **extents}).fetchnumpy()
+        sizes: dict[str, Any] = dict(zip(("clips", "samples", "steps"), shape[1:], strict=True))
+        columns = self._database.execute(query, {"metrics": metrics, **sizes}).fetchnumpy()
         is_stored, values = np.zeros(shape, bool), np.full(shape, np.nan)
         is_stored.ravel()[columns["place"]] = True
         if np.count_nonzero(is_stored) < len(columns["place"]):
