@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks.matrix import CONFIGS, schema
+from geovp_benchmarks.matrix.components import build_method
 from geovp_classic.errors import GeovpError
 
 PROTOCOL = {
@@ -114,3 +115,9 @@ def test_what_is_wrong_is_said_in_one_sentence(wrong: dict[str, Any], says: str)
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_our_own_files_can_be_read(path: Path) -> None:
     assert schema.read(path).methods
+
+
+def test_the_variants_of_the_ablation_differ() -> None:
+    matrix = schema.read(CONFIGS / "ablation.toml")
+    built = {repr(build_method(matrix, method.label)) for method in matrix.methods}
+    assert len(built) == len(matrix.methods) == 12

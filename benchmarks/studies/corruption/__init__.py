@@ -34,17 +34,17 @@ from geovp_classic.types import (
     PrivilegedInput,
     Target,
 )
-from studies.ablation import NUM_PAST, SCORED_STEPS, STRETCHES, datasets
 from studies.corruption.figure import draw_corruptions
-from studies.corruption.kinds import CORRUPTIONS, Corruption
+from studies.corruption.kinds import CORRUPTIONS, NUM_PAST, NUM_STEPS, Corruption
 
 Methods = Mapping[str, GeometricPredictor]
+SCORED_STEPS = np.array([0, 4, 9, 14, 19])  # of the future
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the clips, the corruptions and the figure."""
     add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
-    default = STRETCHES[:2]
+    default = ("03[0:180)", "raw0095")  # train and val
     text = f"Sequences or stretches of them. Default: {' '.join(default)}."
     add(parser, "frames", "FRAMES", text, default, nargs="*")
     add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 60.", 60)
@@ -59,11 +59,19 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         if name not in CORRUPTIONS:
             nearest = registry.nearest(name, CORRUPTIONS)
             raise BadData(f"no corruption is called {name!r}{nearest}")
-    clips = [
-        dataset[index]
-        for dataset in datasets(args.root, args.frames, args.stride, with_full=True)
-        for index in range(len(dataset))
-    ]
+    dataset = registry.build(
+        "datasets",
+        {
+            "name": "kitti",
+            "root": args.root,
+            "sequences": args.frames,
+            "num_frames": NUM_STEPS,
+            "stride": args.stride,
+            "size_px": [256, 256],
+            "with_full": True,
+        },
+    )
+    clips = [dataset[index] for index in range(len(dataset))]
     compared = methods()
     tasks = [(name, severity) for name in names for severity in range(CORRUPTIONS[name].severities)]
     gains: dict[str, list[FloatArray]] = {name: [] for name in names}

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from geovp_classic.types import ByteArray, Context, Intrinsics
-from studies.ablation import NUM_FUTURE, NUM_PAST
 
+NUM_PAST, NUM_FUTURE = 10, 20
 NUM_STEPS = NUM_PAST + NUM_FUTURE
 Image = Callable[[ByteArray, int, int], ByteArray]
 

@@ -9,9 +9,8 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, PrivilegedInput
-from studies.ablation import NUM_PAST
 from studies.corruption import corrupted, gains_db
-from studies.corruption.kinds import CORRUPTIONS
+from studies.corruption.kinds import CORRUPTIONS, NUM_PAST
 from tests.benchmarks.conftest import Says, write_kitti
 
 EVERYTHING = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
