@@ -299,11 +299,12 @@ def check_geovp(
             write_kitti_raw(folder, 60, geovp.open_clip({**SYNTHETIC, "size_px": [32, 32]}))
         assert cli.main(["doctor", str(root)]) in (0, 1)  # 1: a defect of the data
         return
-    if args[0] == "predict" and "--fov" in args:
+    is_predict = args[0] == "predict" and "--first" in args
+    if is_predict:
         args = [*args, "--size", "96", "--out", str(folder / "predicted")]
     needs_results = args[0] in ("table", "plot", "report", "rescore") and "results/demo" in args
     is_check = args[0] == "check" and args[2] == "depth-fusion"
-    if args[0] == "list" or needs_results or is_check or "--fov" in args:
+    if args[0] == "list" or needs_results or is_check or is_predict:
         assert cli.main(args) == 0
 
 
