@@ -107,7 +107,7 @@ class TestDryRun:
     def test_after_a_run_of_some_clips_its_times_are_used(
         self, tmp_path: Path, printed: Says
     ) -> None:
-        printed(*run(tmp_path, "--limit", "2"))  # as many as a part holds
+        printed(*run(tmp_path, "--limit", "2"))  # two clips a file
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
         text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one

@@ -53,26 +53,26 @@ def _heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def wait_for_parts(root: Path, count: int, process: subprocess.Popen[bytes]) -> None:
+def wait_for_files(root: Path, count: int, process: subprocess.Popen[bytes]) -> None:
     for _ in range(1200):
         if len(list(root.glob("*/scores/part-*.parquet"))) >= count:
             return
         assert process.poll() is None, "the run ended before it could be killed"
         time.sleep(0.05)
-    pytest.fail("the run made no parts in a minute")
+    pytest.fail("the run wrote no score file in a minute")
 
 
 def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> None:
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    for parts in (1, 4):  # twice, so that a resumed run is killed as well
+    for count in (1, 4):  # twice, so that a resumed run is killed as well
         process = begin(killed, toys, sleep_s=0.15)
-        wait_for_parts(killed / "out", parts, process)
+        wait_for_files(killed / "out", count, process)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-    done = sum(part.stat().st_size > 0 for part in (killed / "out").glob("*/scores/part-*.parquet"))
-    assert 4 <= done < 15, "killed in the middle: 3 methods of 5 parts each"
+    done = sum(path.stat().st_size > 0 for path in (killed / "out").glob("*/scores/part-*.parquet"))
+    assert 4 <= done < 15, "killed in the middle: 3 methods of 5 files each"
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
-    scratch.write_bytes(b"half a part that a kill left behind")
+    scratch.write_bytes(b"half a file that a kill left behind")
     assert begin(killed, toys, sleep_s=0.15).wait() == 0
     assert (
         cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
@@ -97,7 +97,7 @@ def parent_of(process: Path) -> int:
 
 def test_a_killed_runs_workers_end_with_it(tmp_path: Path, toys: Path) -> None:
     process = begin(tmp_path, toys, 0.5, "--workers", "2")
-    wait_for_parts(tmp_path / "out", 1, process)
+    wait_for_files(tmp_path / "out", 1, process)
     workers = [place for place in Path("/proc").glob("[0-9]*") if parent_of(place) == process.pid]
     assert len(workers) >= 2
     process.send_signal(signal.SIGKILL)
@@ -116,7 +116,7 @@ def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
     errors = tmp_path / "errors"
     with errors.open("wb") as stream:
         process = begin(tmp_path, toys, 2.0, "--workers", "2", stderr=stream)
-        wait_for_parts(tmp_path / "out", 1, process)
+        wait_for_files(tmp_path / "out", 1, process)
         process.send_signal(sent)
         assert process.wait(timeout=5) == 130
     last = errors.read_text().splitlines()[-1]

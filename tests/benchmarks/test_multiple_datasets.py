@@ -49,10 +49,11 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     out = tmp_path / "out"
     ended = command("run", matrix_file, "--out", out, "--no-report")
     assert ended.code == 1  # one row was skipped
-    parts = Results(out).by_dataset()
-    assert list(parts) == ["synthetic", "folder"]
+    datasets = Results(out).by_dataset()
+    assert list(datasets) == ["synthetic", "folder"]
     methods = {
-        label: {method.label: method for method in part.methods()} for label, part in parts.items()
+        label: {method.label: method for method in each.methods()}
+        for label, each in datasets.items()
     }
     row = "gt-3d + ground-far-plane"
     assert {
@@ -68,7 +69,7 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     assert [word.strip().partition(" (")[0] for word in head.strip("|").split("|")] == [
         "method",
         "clips",
-        *(f"{label}: {name}" for label in parts for name in ("PSNR", "rotation error")),
+        *(f"{label}: {name}" for label in datasets for name in ("PSNR", "rotation error")),
     ]
     assert first.count(" - ") == 2  # the folder's two columns
     assert [word.strip() == "-" for word in second.split("|")[3:-1]] == [
@@ -107,7 +108,7 @@ def test_a_file_with_one_data_set_gives_what_it_gave(
     assert not (one.root / "datasets.json").exists()
     for method in one.methods():
         assert rows(among.root, method.name) == rows(one.root, method.name)
-    protocols = [json.loads((part.root / "protocol.json").read_text()) for part in (one, among)]
+    protocols = [json.loads((each.root / "protocol.json").read_text()) for each in (one, among)]
     assert protocols[0]["fingerprint"] == protocols[1]["fingerprint"]
     assert protocols[0]["name"] == "both"
 

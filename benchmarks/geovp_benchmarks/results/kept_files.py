@@ -69,7 +69,7 @@ def _built(kind: Any, arrays: dict[str, Any], prefix: str = "") -> Any:
     values = {}
     for name, hint in typing.get_type_hints(kind).items():
         path = prefix + name
-        nested = [part for part in (hint, *typing.get_args(hint)) if is_dataclass(part)]
+        nested = [each for each in (hint, *typing.get_args(hint)) if is_dataclass(each)]
         if nested and any(key.startswith(f"{path}.") for key in arrays):
             values[name] = _built(nested[0], arrays, f"{path}.")
         elif path in arrays:

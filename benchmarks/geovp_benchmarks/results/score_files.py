@@ -135,7 +135,7 @@ class ScoreFiles:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
         kinds = {"clip": object, "sample": int, "step": int, "metric": object, "value": float}
-        columns = {
+        columns: dict[str, Any] = {
             name: np.array([row[place] for row in rows], kind)
             for place, (name, kind) in enumerate(kinds.items())
         }
@@ -189,7 +189,7 @@ class ScoreFiles:
         numbers = {clip: number for number, clip in enumerate(clips)}
         names = [clip for record in records for clip in record.clips]
         files = np.array([str(record.path) for record in records], object)
-        columns = {
+        columns: dict[str, Any] = {
             "filename": files.repeat([len(record.clips) for record in records]),
             "clip": np.array(names, object),
             "number": np.array([numbers[clip] for clip in names]),
