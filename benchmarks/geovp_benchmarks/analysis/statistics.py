@@ -42,6 +42,16 @@ def best_of_samples(values: FloatArray, higher_is_better: bool | None) -> FloatA
     return best_by(values, higher_is_better)(values, higher_is_better)
 
 
+def reductions(num_samples: int) -> dict[str, Reduction]:
+    """Return the mean and the best of samples, by the suffix of a method's name."""
+    if num_samples == 1:
+        return {"": mean_of_samples}
+    return {
+        f", mean of {num_samples}": mean_of_samples,
+        f", best of {num_samples}": best_of_samples,
+    }
+
+
 def best_by(judge: FloatArray, judge_higher_is_better: bool) -> Reduction:
     """Return the reduction to the sample that is best in the judge's values, for every metric."""
     sign = 1.0 if judge_higher_is_better else -1.0

@@ -135,16 +135,13 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     curves = []
     looks = line_styles(list(methods))
     for look, ((source, _), method) in zip(looks, methods.items(), strict=True):
-        samples, count = material.values(method, metric) - reference, method.num_samples
+        samples = material.values(method, metric) - reference
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method == material.reference or num_steps < min(2, samples.shape[2]):
             continue
-        reductions: dict[str, statistics.Reduction] = {
-            f", mean of {count}" * (count > 1): statistics.mean_of_samples
-        }
-        if count > 1 and higher is not None:
-            reductions[f", best of {count}"] = statistics.best_of_samples
-        for suffix, reduce in reductions.items():
+        for suffix, reduce in statistics.reductions(method.num_samples).items():
+            if reduce is statistics.best_of_samples and higher is None:
+                continue
             values = reduce(samples, higher)
             label = (source if is_of_poses else method.label) + suffix
             num_clips = np.isfinite(values).any(axis=1).sum()

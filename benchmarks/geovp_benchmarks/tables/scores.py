@@ -74,16 +74,10 @@ def _reductions(
 ) -> dict[str, statistics.Reduction]:
     """Return the reductions over samples, by the suffix of the method's name."""
     num_samples = max((values.shape[1] for values in means.values()), default=1)
-    if num_samples == 1:
-        return {"": statistics.mean_of_samples}
-    suffix = f", best of {num_samples}"
-    reductions: dict[str, statistics.Reduction] = {
-        f", mean of {num_samples}": statistics.mean_of_samples,
-        suffix: statistics.best_of_samples,
-    }
+    reductions = statistics.reductions(num_samples)
     for key, facts in protocol["metrics"].items():
-        if key in means and facts.get("higher_is_better") is not None:
-            name = f"{suffix} by {stored_facts.title(key)}"
+        if num_samples > 1 and key in means and facts.get("higher_is_better") is not None:
+            name = f", best of {num_samples} by {stored_facts.title(key)}"
             judge = means[key][..., None]
             return {**reductions, name: statistics.best_by(judge, facts["higher_is_better"])}
     return reductions
