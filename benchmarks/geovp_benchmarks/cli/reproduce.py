@@ -7,10 +7,18 @@ Examples:
   geovp reproduce thesis --root path/to/kitti --samples 10
 """
 
+from __future__ import annotations
+
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
+from geovp_classic import errors
+
+if TYPE_CHECKING:
+    from geovp_benchmarks.matrix.schema import Matrix
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,12 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Compute what is missing, print both tables, and write them with the figures."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.audit import reproduction
     from geovp_benchmarks.cli.run import compute, exit_code
+    from geovp_benchmarks.matrix import CONFIGS, schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats, published, tables
 
-    matrix = reproduction.read_matrix(args.name, args.set, args.samples, args.methods)
+    published.load(args.name)  # an unknown name is bad input
+    matrix = schema.read(CONFIGS / f"{args.name}.toml", args.set)
+    matrix = restricted(matrix, args.samples, args.methods)
     matrix = matrix.with_root(args.root).with_device(args.device)
     results = Results(args.out or Path("results") / args.name)
     methods = compute(args, matrix, results, progress)
@@ -45,3 +55,19 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         pass
     yield f"tables: {results.tables}\nplots:  {results.plots}"
     return exit_code(methods)
+
+
+def restricted(matrix: Matrix, max_samples: int | None, methods: Sequence[str]) -> Matrix:
+    """Return the matrix with fewer samples, and if some are named, with these predictors alone."""
+    update: dict[str, Any] = {"pose_sources": {}, "renderers": {}} if methods else {}
+    update["predictors"] = {}
+    for name in methods or matrix.predictors:
+        if name not in matrix.predictors:
+            nearest = errors.nearest(name, matrix.predictors)
+            raise errors.BadData(f"--methods {name}: no method of {matrix.name}{nearest}")
+        entry = matrix.predictors[name]
+        num_samples = entry.num_samples or matrix.num_samples
+        if max_samples is not None:
+            num_samples = min(max_samples, num_samples)
+        update["predictors"][name] = entry.model_copy(update={"num_samples": num_samples})
+    return matrix.model_copy(update=update)
