@@ -6,7 +6,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Item = TypeVar("Item")
 Progress = Callable[[int, int], None]  # (done, total)
@@ -53,30 +53,21 @@ def progress_bar(description: str) -> Iterator[Progress]:
         delay=FIRST_SHOWN_S,
         disable=is_quiet or not sys.stderr.isatty(),
     ) as bar:
-        listener = _Listener(bar)
-        steps.addHandler(listener)
 
         def show(done: int, total: int) -> None:
             if total != bar.total:
                 bar.reset(total)
             bar.update(done - bar.n)
 
+        def show_step(record: logging.LogRecord) -> bool:
+            done = int(getattr(record, "done", 0))
+            bar.set_postfix_str(record.getMessage(), refresh=False)
+            bar.update(min(done, max(0, bar.total - bar.n)))
+            return True
+
+        steps.addFilter(show_step)
         try:
             yield show
         finally:
-            steps.removeHandler(listener)
+            steps.removeFilter(show_step)
             bar.set_postfix_str("", refresh=False)
-
-
-class _Listener(logging.Handler):
-    """Display of announced steps behind a bar."""
-
-    def __init__(self, bar: Any) -> None:  # tqdm
-        super().__init__()
-        self._bar = bar
-
-    def emit(self, record: logging.LogRecord) -> None:
-        done = int(getattr(record, "done", 0))
-        rest = max(0, (self._bar.total or 0) - self._bar.n)
-        self._bar.set_postfix_str(record.getMessage(), refresh=False)
-        self._bar.update(min(done, rest))
