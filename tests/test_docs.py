@@ -144,7 +144,8 @@ def check_matrix(block: Block, root: Path | None = None) -> None:
     for parsed in multiple_datasets.parse("page", block.toml, root).values():
         built = build_matrix(parsed.model_dump_json())
         assert built.clip_names, block
-        failures = [part for part in built.components.values() if isinstance(part, Failure)]
+        components = [each for method in built.methods.values() for each in method.values()]
+        failures = [each for each in components if isinstance(each, Failure)]
         assert not failures or not HAS_TORCH, f"{block}: {failures}"
 
 

@@ -17,7 +17,7 @@ from geovp_benchmarks.matrix import components
 from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running import task
+from geovp_benchmarks.running import plan, task
 from geovp_benchmarks.running.executors import Serial
 from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
@@ -49,7 +49,8 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Pretends that the sources have changed."""
 
     def changed(code: str) -> None:
-        monkeypatch.setattr(task, "code_hash", lambda _: code)
+        for module in (plan, task):
+            monkeypatch.setattr(module, "code_hash", lambda _: code)
 
     return changed
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
@@ -100,7 +101,7 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         matrix = _matrix(pair.results, root, pair)
         built = build_matrix(matrix.model_dump_json())
         (plan,) = matrix.methods
-        for component in built.components_of(plan).values():
+        for component in built.methods[plan].values():
             if isinstance(component, Failure):
                 raise GeovpError(component.reason)
         recomputed = _recompute(pair, matrix)
@@ -115,7 +116,7 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         remarks = []
         if differences and _differences(recomputed, _recompute(pair, matrix)):
             remarks.append("not deterministic: two computations here differ as well")
-        if (code := built.code(plan)) != pair.record.code:
+        if (code := code_hash(built.methods[plan].values())) != pair.record.code:
             remarks.append(f"stored by code {pair.record.code}, here it is {code}")
     except GeovpError as problem:
         return Verdict(pair, problems=[f"cannot be computed here: {problem}"])

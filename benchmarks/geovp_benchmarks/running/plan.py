@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix.components import weights_of
+from geovp_benchmarks.matrix.components import code_hash, weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.score_files import Failure
@@ -62,7 +62,7 @@ class Plan:
             "size_px": list(matrix.size_px),
             "stride": matrix.stride,
             "metrics": built.metrics.about,
-            "methods": [method.name for method in matrix.methods],
+            "methods": [method.name for method in built.methods],
             "clips": list(self.clips),
             "kept": asdict(self.kept) if self.kept.by else None,
             "fingerprint": content_hash(
@@ -80,11 +80,11 @@ class Plan:
     @cached_property
     def records(self) -> dict[MethodPlan, dict[str, Any]]:
         """Return the content of each method.json before the first clip."""
-        return {method: self._record(method) for method in self.built.matrix.methods}
+        return {method: self._record(method) for method in self.built.methods}
 
     def _record(self, method: MethodPlan) -> dict[str, Any]:
         """Return the record of a method; the fingerprint is "" if it cannot be built here."""
-        components = self.built.components_of(method)
+        components = self.built.methods[method]
         specs = self.built.matrix.specs
         record = {
             "label": method.label,
@@ -111,7 +111,7 @@ class Plan:
             "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
             "fingerprint": content_hash([self.fingerprint, described, method.num_samples]),
             "about": weights_of(components.values()),
-            "code": self.built.code(method),
+            "code": code_hash(components.values()),
         }
 
     def missing(self, method: MethodPlan, retry_failed: bool = True) -> Set[str]:

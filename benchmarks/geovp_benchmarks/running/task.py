@@ -30,7 +30,7 @@ class BuiltMatrix:
 
     matrix: Matrix
     dataset: Dataset
-    components: Mapping[tuple[str, str], Any]  # by role and name
+    methods: Mapping[MethodPlan, dict[str, Any]]  # their components by role
     metrics: Metrics
 
     @property
@@ -52,14 +52,6 @@ class BuiltMatrix:
             )
         return clip
 
-    def components_of(self, method: MethodPlan) -> dict[str, Any]:
-        """Return the components of a method by role."""
-        return {role: self.components[key] for role, key in method.components.items()}
-
-    def code(self, method: MethodPlan) -> str:
-        """Return a hash of the sources that the scores of a method depend on."""
-        return code_hash(self.components_of(method).values())
-
 
 @functools.lru_cache(maxsize=1)
 def build_matrix(matrix_json: str) -> BuiltMatrix:
@@ -69,7 +61,12 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
         metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
     buildable = [each for each in components.values() if not isinstance(each, Failure)]
-    return BuiltMatrix(matrix, matrix.build_dataset(needs_of(buildable)), components, metrics)
+    dataset = matrix.build_dataset(needs_of(buildable))
+    methods = {
+        method: {role: components[key] for role, key in method.components.items()}
+        for method in matrix.methods
+    }
+    return BuiltMatrix(matrix, dataset, methods, metrics)
 
 
 def needs_of(components: Iterable[Any]) -> PrivilegedInput:
@@ -103,7 +100,7 @@ def score_clip(task: Task) -> list[Scored]:
     scored = []
     for method, fingerprint in task.fingerprints.items():
         announce(f"{task.clip}, {method.label}")
-        components = built.components_of(method)
+        components = built.methods[method]
         context, _ = clip.clip.split(clip.num_past, needs_of(components.values()))
         usage, scoring = Usage(), Usage()  # the peak of scoring is the same for all methods
         failures = {}
@@ -125,7 +122,7 @@ def score_clip(task: Task) -> list[Scored]:
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            code=built.code(method),
+            code=code_hash(components.values()),
             failures=failures,
         )
         scored.append((scores, record))
