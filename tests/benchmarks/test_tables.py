@@ -9,7 +9,6 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.latex import latex
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 
@@ -121,7 +120,7 @@ def test_latex_escapes_and_emphasises(results: Results) -> None:
     write(
         results, "still", {("x", 0, "psnr"): 30.0, ("y", 0, "psnr"): 30.0}, label="100%_still & co"
     )
-    text = latex(tables.build(results, "standard-error")[0])
+    text = formats.latex(tables.build(results, "standard-error")[0])
     assert r"100\%\_still \& co & 2 & 30.00 $\pm$ 0.00" in text
     assert r"a + sharp$^{\mathrm{pf}}$ & 2 & 22.00 $\pm$ 2.00" in text
     assert r"method & clips & \shortstack[r]{PSNR (dB) $\uparrow$} & " in text

@@ -7,7 +7,6 @@ import pytest
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, published
-from geovp_benchmarks.tables.latex import latex
 from tests.benchmarks.made import write_protocol, write_row
 
 # label: (samples, PSNR of the first sample)
@@ -97,7 +96,7 @@ def test_published_numbers_stand_apart_with_their_source(results: Results) -> No
     assert MARKDOWN in theirs
     assert "Table 4.1 of the thesis" in theirs
     assert "13.504" not in ours
-    tex = latex(published.build(results, "thesis")[1])
+    tex = formats.latex(published.build(results, "thesis")[1])
     assert r"SRVP - 100 Samples & - & \textbf{13.504} $\pm$ 0.070 & \textbf{0.433} $\pm$" in tex
 
 

@@ -46,7 +46,6 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
-    from geovp_benchmarks.tables.latex import latex
     from geovp_benchmarks.tables.tables import side_by_side
 
     results = Results(args.folder).select(*args.methods)
@@ -58,8 +57,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
         case "tex":
-            first = latex(tables[0], args.caption, args.label)
-            text = "\n".join([first, *map(latex, tables[1:])])
+            first = formats.latex(tables[0], args.caption, args.label)
+            text = "\n".join([first, *map(formats.latex, tables[1:])])
         case "md":
             width = None if args.page else terminal_width()
             text = "\n".join(formats.markdown(table, width) for table in tables)
