@@ -94,11 +94,11 @@ def conclude(
 
     built = tables.build(results)
     formats.write_all(results, built)
-    yield formats.markdown(built[0], terminal_width())
-    yield f"tables: {results.tables}"
+    lines = [formats.markdown(built[0], terminal_width()), f"tables: {results.tables}"]
     if progress is not None and any(method.num_clips for method in methods):
-        report.write(results, plots.Options(), progress)
-        yield f"plots:  {results.plots}\nreport: {results.report}"
+        report.write(results, plots.Options(), progress)  # also if nobody reads the lines
+        lines += [f"plots:  {results.plots}", f"report: {results.report}"]
+    yield from lines
     return exit_code(methods)
 
 
