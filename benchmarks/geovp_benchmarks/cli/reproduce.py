@@ -31,23 +31,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = add_group(parser, "output")
     add(group, "--out", "DIR", "Folder for the results. Default: results/NAME.")
     add_shared(group, "--keep")
-    parser.set_defaults(fresh=False)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     """Compute what is missing, print both tables, and write them with the figures."""
     from geovp_benchmarks import plots
-    from geovp_benchmarks.cli.run import compute, exit_code
+    from geovp_benchmarks.cli.run import exit_code
     from geovp_benchmarks.matrix import CONFIGS, schema
     from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.running.plan import Options
+    from geovp_benchmarks.running.run import run as run_matrix
     from geovp_benchmarks.tables import formats, published, tables
+    from geovp_classic import registry
 
     published.load(args.name)  # an unknown name is bad input
     matrix = schema.read(CONFIGS / f"{args.name}.toml", args.set)
     matrix = restricted(matrix, args.samples, args.methods)
     matrix = matrix.with_root(args.root).with_device(args.device)
     results = Results(args.out or Path("results") / args.name)
-    methods = compute(args, matrix, results, progress)
+    executor = registry.build("executors", args.workers)
+    methods = run_matrix(matrix, results, Options(args.limit, args.keep), executor, progress)
     paper_tables = published.build(results, args.name)
     formats.write_all(results, [*tables.build(results), *paper_tables])
     yield from map(formats.markdown, paper_tables)

@@ -22,9 +22,7 @@ from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group,
 from geovp_benchmarks.progress import Progress, announce
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
-    from geovp_benchmarks.running.plan import Options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,44 +43,31 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.matrix import files, multiple_datasets
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running.dry_run import dry_run
+    from geovp_benchmarks.running.plan import Options
+    from geovp_benchmarks.running.run import run as run_matrix
     from geovp_benchmarks.tables import formats, tables
+    from geovp_classic import registry
 
     matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
+    options = Options(args.limit, args.keep, args.fresh)
     root = args.out or Path("results") / args.matrix.stem
     if args.dry_run:
         for label, matrix in matrices.items():
             num_workers = args.workers.get("workers", 1)
-            yield from dry_run(matrix, Results(root / label), options_of(args), num_workers)
+            yield from dry_run(matrix, Results(root / label), options, num_workers)
         return 0
     Results(root).write_datasets([*matrices])
+    executor = registry.build("executors", args.workers)
     codes = []
     for label, matrix in matrices.items():
         results = Results(root / label)
-        methods = compute(args, matrix.with_device(args.device), results, progress)
+        methods = run_matrix(matrix.with_device(args.device), results, options, executor, progress)
         codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
     if len(codes) > 1:
         table = tables.side_by_side(Results(root))
         formats.write_all(Results(root), [table])
         yield formats.markdown(table, terminal_width())
     return max(codes)
-
-
-def options_of(args: argparse.Namespace) -> Options:
-    """Return the options of a run."""
-    from geovp_benchmarks.running.plan import Options
-
-    return Options(args.limit, args.keep, args.fresh)
-
-
-def compute(
-    args: argparse.Namespace, matrix: Matrix, results: Results, progress: Progress
-) -> list[Method]:
-    """Compute the missing results of a data set, and return its methods."""
-    from geovp_benchmarks.running.run import run
-    from geovp_classic import registry
-
-    executor = registry.build("executors", args.workers)
-    return run(matrix, results, options_of(args), executor, progress)
 
 
 def conclude(
