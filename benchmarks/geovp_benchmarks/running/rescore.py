@@ -3,7 +3,6 @@
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
@@ -54,12 +53,10 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
     output.remove_method(name)
     status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
     output.write_method(name, method.record | {"code": "", "status": status})
-    failures = results.failures(name)
-    predicted = set(results.predictions(name))
+    stored = results.score_records(name)
+    failures = {clip: why for record in stored for clip, why in record.failures.items()}
     scored: list[Scored] = []
-    for clip_name in protocol["clips"]:
-        if clip_name not in predicted:
-            continue
+    for clip_name in sorted(set(protocol["clips"]).intersection(results.predictions(name))):
         clip = ScoredClip(results.clip(clip_name), protocol["num_past"])
         prediction = results.prediction(name, clip_name)
         output.write_clip(clip.clip)
@@ -69,6 +66,6 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
             scores = score(clip, prediction, metrics)
         record = ScoreRecord(name, [clip_name], method.fingerprint, seconds=dict(usage.seconds))
         if clip_name in failures:
-            record.failures[clip_name] = Failure("failed", failures[clip_name])
+            record.failures[clip_name] = failures[clip_name]
         scored.append((scores, record))
     output.write_scores(scored)
