@@ -52,15 +52,12 @@ class Plan:
         # "" if the settings determine the frames
         split_hash = str(getattr(built.dataset, "split_hash", ""))
         numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
+        shared = {"name", "num_past", "num_future", "size_px", "stride"}
         protocol = {
-            "name": matrix.name,
+            **matrix.model_dump(include=shared),
             "dataset": dataset,
             "dataset_name": built.dataset.name,
             "split_hash": split_hash,
-            "num_past": matrix.num_past,
-            "num_future": matrix.num_future,
-            "size_px": list(matrix.size_px),
-            "stride": matrix.stride,
             "metrics": built.metrics.about,
             "methods": [method.name for method in built.methods],
             "clips": list(self.clips),
@@ -86,12 +83,9 @@ class Plan:
         """Return the record of a method; the fingerprint is "" if it cannot be built here."""
         components = self.built.methods[method]
         specs = self.built.matrix.specs
+        shared = ("label", "kind", "pose_source", "renderer", "num_samples")
         record = {
-            "label": method.label,
-            "kind": method.kind,
-            "pose_source": method.pose_source,
-            "renderer": method.renderer,
-            "num_samples": method.num_samples,
+            **{key: getattr(method, key) for key in shared},
             "asked": {
                 **{role: specs[key] for role, key in method.components.items()},
                 "num_samples": method.num_samples,
