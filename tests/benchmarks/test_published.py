@@ -1,5 +1,6 @@
 """Published numbers: the pages show what is stored beside them, and this machine computes the same."""
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -58,3 +59,21 @@ def test_fusions_numbers_are_computed_here(capsys: pytest.CaptureFixture[str]) -
         TOLERANCE,
     ]
     assert cli.main(words) == 0, capsys.readouterr().out
+
+
+def test_the_doctor_names_methods_that_lack_clips(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shutil.copytree(STORED / "demo", tmp_path / "demo")
+    assert cli.main(["doctor", str(folder)]) == 0
+    assert capsys.readouterr().out == "nothing is missing\n"
+    protocol = json.loads((folder / "protocol.json").read_text())
+    protocol["clips"].append("seed0-more/000")
+    (folder / "protocol.json").write_text(json.dumps(protocol))
+    skipped = json.loads((folder / "copy-last" / "method.json").read_text())
+    (folder / "copy-last" / "method.json").write_text(json.dumps({**skipped, "status": "skipped"}))
+    assert cli.main(["doctor", str(folder)]) == 1
+    *lines, advice = capsys.readouterr().out.splitlines()
+    lacks = "scores of 1 of 5 clips are missing, such as seed0-more/000"
+    assert lines == [f"{name}: {lacks}" for name in protocol["methods"] if name != "copy-last"]
+    assert advice.startswith("`geovp run`")
