@@ -197,7 +197,7 @@ class ScoreFiles:
         self._database.register("entries", columns)
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
-            "clip::VARCHAR AS clip, number FROM entries"
+            "clip::VARCHAR AS clip, number::INTEGER AS number FROM entries"
         )
         paths = {record.path for record in records}
         keys = "filename, clip" if len(paths) > 1 else "clip"
