@@ -32,7 +32,6 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     dataset = registry.build("datasets", street)
     sources = {
         "multiview": {"name": "multiview"},
-        "without ground": {"name": "multiview", "ground": "none"},
         "given": {"name": "given"},
     }
     measured: dict[tuple[str, str], list[FloatArray]] = {}

@@ -76,17 +76,6 @@ def winners(
     return levels, lead / 8
 
 
-def excess_cost(
-    sums: SumArray,  # [M, N]
-    levels: FloatArray,  # [M], planes to judge
-) -> FloatArray:
-    """Return how much more than the best plane [M] the better neighbour of a level costs."""
-    below = np.clip(levels.astype(np.int64), 0, sums.shape[1] - 2)[:, None]
-    costs = np.take_along_axis(sums, below + np.arange(2), axis=1).min(axis=1)
-    excess = costs - sums.min(axis=1)
-    return excess.astype(np.float32) / 8
-
-
 @numba.njit(nogil=True, cache=True)
 def _judge(
     sums: SumArray,  # [M, N]

@@ -11,7 +11,6 @@ import numpy as np
 
 from geovp_classic.depth.aggregation import SemiGlobalAggregation, winners
 from geovp_classic.depth.completion import fill_from_background, find_islands
-from geovp_classic.depth.ground_prior import GroundPrior
 from geovp_classic.depth.matching import WindowCorrelation
 from geovp_classic.depth.viewpoints import PlaneSpacing, SourceSelection
 from geovp_classic.errors import BadData
@@ -44,7 +43,6 @@ class Multiview:
     spacing: PlaneSpacing = PlaneSpacing()
     matching: WindowCorrelation = WindowCorrelation()
     aggregation: SemiGlobalAggregation = SemiGlobalAggregation()
-    ground: GroundPrior | None = GroundPrior()  # None: no prior
     # Islands of depth up to this part of the image are wrong matches more often than objects.
     max_speckle_fraction: float = 0.0045
     # Cost by which all rivals are worse at confidence 1
@@ -131,22 +129,7 @@ class Multiview:
             levels, np.arange(num_planes), planes
         )
 
-        ground = self.ground and self.ground.plane.fit(inverse_depth, camera)
-        if self.ground and ground:
-            inverse_depth = self.ground.lift(
-                inverse_depth, sums, planes, ground, camera
-            )
-            levels = np.interp(inverse_depth, planes, np.arange(num_planes))
         is_wrong = find_islands(levels, self.max_speckle_fraction)
-        if self.ground and ground:
-            islands = (
-                find_islands(levels, self.ground.max_floating_fraction)
-                & ~is_wrong
-            )
-            is_wrong |= self.ground.floating(
-                inverse_depth, islands, ground, camera
-            )
-
         is_certain = ~is_wrong & self.matching.is_seen(costs)
         confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
         return fill_from_background(

@@ -9,6 +9,7 @@ Adelson 1983).
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -85,13 +86,12 @@ def wide_blur(
     sigma_px: float,
 ) -> FloatArray:
     """Blur with a Gaussian that is wide compared to a pixel, on a smaller image for speed."""
-    shrink = max(1, int(sigma_px / 3))
+    shrink = 2 ** max(0, int(math.log2(sigma_px / 2)))
     height, width = image.shape[:2]
-    small_width = max(1, width // shrink)
-    small_height = max(1, height // shrink)
-    small = cv2.resize(
-        image, (small_width, small_height), interpolation=cv2.INTER_AREA
-    )
-    small = small.astype(np.float32)
-    blurred = cv2.GaussianBlur(small, (0, 0), sigma_px / shrink)
+    size_px = (max(1, width // shrink), max(1, height // shrink))
+    small = cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)
+    # Averaging over pixels and interpolating between averages blur as well.
+    variance = (3 * shrink**2 - 1) / 12 if shrink > 1 else 0.0
+    sigma = math.sqrt(sigma_px**2 - variance) / shrink
+    blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma)
     return np.asarray(cv2.resize(blurred, (width, height)))

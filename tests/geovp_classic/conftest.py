@@ -1,15 +1,12 @@
 """A street of flat ground, a wall ahead and a box in front of it, with or without a moving car."""
 
-import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.ground_plane import GroundPlane
-from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
 HEIGHT = 1.6  # of the camera above the ground
@@ -87,66 +84,3 @@ def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
 def image() -> Callable[..., FloatArray]:
     """Return the function that renders the street from a pose."""
     return image_of_street
-
-
-@dataclass(frozen=True)
-class Car:
-    """Flat back of a car that moves along the ground."""
-
-    left: float = -2.2  # x
-    right: float = -0.4
-    height: float = 1.5
-    distance: float = 8.0  # z
-    velocity: tuple[float, float, float] = (1.2, 0.0, 5.0)  # per second
-
-    def image(self, world_from_cam: FloatArray, seconds: float) -> tuple[FloatArray, BoolArray]:
-        """Return grey values [H, W] of street and car, and the mask of the car [H, W]."""
-        origin = world_from_cam[:3, 3] - seconds * np.array(self.velocity)  # in the car's frame
-        rays = pinhole.rays(_double(CAMERA)) @ world_from_cam[:3, :3].T
-        points = origin + ((self.distance - origin[2]) / rays[..., 2])[..., None] * rays
-        is_car = (points[..., 0] > self.left) & (points[..., 0] < self.right)
-        is_car &= (points[..., 1] < HEIGHT) & (points[..., 1] > HEIGHT - self.height)
-        _, street_points = depth_of_street(world_from_cam, _double(CAMERA))
-        street = _texture(0.4 * street_points, 0.0)  # coarser than a pixel at the wall
-        grey = _halve(np.where(is_car, _texture(0.7 * points, 2.0), street))
-        return np.clip(np.round(grey), 0, 255).astype(np.float32), _halve(is_car) > 0.5
-
-
-@dataclass(frozen=True)
-class Traffic:
-    """Ten images of the street with a moving car, and the truth of the last image."""
-
-    images: FloatArray  # [10, H, W] float32 grey
-    past: Trajectory  # [10], the last pose is the identity
-    camera: Intrinsics
-    inverse_depth: FloatArray  # [H, W] of the street alone
-    mask: BoolArray  # [H, W], the car
-    road: GroundPlane
-
-
-@pytest.fixture(scope="session")
-def drive_behind() -> Callable[..., Traffic]:
-    """Return a function: a camera that drives at 4 m/s behind a car, or towards it."""
-
-    @functools.cache
-    def _drive(
-        velocity: tuple[float, float, float] = Car.velocity,
-        unit_m: float = 1.0,
-        distance: float = Car.distance,
-    ) -> Traffic:
-        car = Car(velocity=velocity, distance=distance)
-        times_s = 0.1 * np.arange(-9, 1)
-        poses = se3.exp(np.outer(times_s, [0, 0, 4.0, 0, 0, 0]))
-        rendered = [car.image(pose, time_s) for pose, time_s in zip(poses, times_s, strict=True)]
-        images, masks = zip(*rendered, strict=True)
-        poses[:, :3, 3] /= unit_m
-        return Traffic(
-            images=np.stack(images),
-            past=Trajectory(poses, times_s, unit_m == 1.0),
-            camera=CAMERA,
-            inverse_depth=(unit_m / depth_of_street(np.eye(4))[0]).astype(np.float32),
-            mask=masks[-1],
-            road=GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m),
-        )
-
-    return _drive

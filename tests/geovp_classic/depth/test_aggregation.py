@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geovp_classic.depth.aggregation import SemiGlobalAggregation, excess_cost, winners
+from geovp_classic.depth.aggregation import SemiGlobalAggregation, winners
 from geovp_classic.types import FloatArray
 
 SMALL, LARGE, CONTRAST = 5, 60.0, 10.0
@@ -59,8 +59,3 @@ def test_the_winner_lies_between_planes_and_leads_over_rivals() -> None:
 def test_the_outermost_planes_win_without_a_parabola() -> None:
     sums = np.array([[[1, 5, 9, 9, 9, 9], [9, 9, 9, 9, 5, 1]]], np.uint16)
     np.testing.assert_allclose(winners(sums)[0], [[0, 5]])
-
-
-def test_excess_is_that_of_the_better_neighbour_of_a_level() -> None:
-    sums = np.tile(np.array([80, 0, 16, 40], np.uint16), (2, 1))
-    np.testing.assert_allclose(excess_cost(sums, np.array([0.5, 2.5])), [0, 16 / 8])

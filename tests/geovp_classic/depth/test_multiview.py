@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
-from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.viewpoints import PlaneSpacing
 from geovp_classic.errors import BadData
@@ -17,7 +16,6 @@ from geovp_classic.types import (
     Context,
     FloatArray,
     Intrinsics,
-    PrivilegedInput,
     Trajectory,
 )
 
@@ -52,18 +50,6 @@ def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
     assert confidence.min() >= 0
     assert confidence.max() <= 1
     assert confidence[is_wrong].mean() < 0.6 * confidence[~is_wrong].mean()
-
-
-def test_an_oncoming_car_does_not_float_over_the_road(drive_behind: Observe) -> None:
-    # It moves past the camera at twice the speed of the street, so that it shifts like an object at
-    # half its distance, in the air.
-    traffic = drive_behind(velocity=(0.0, 0.0, -4.0), distance=12.0)
-    frames = np.repeat(traffic.images.astype(np.uint8)[..., None], 3, axis=-1)
-    context = Context(frames, np.append(traffic.past.times_s, 0.1), traffic.camera)
-    without, _ = estimate(context, traffic.past, Multiview(ground=None))
-    with_prior, _ = estimate(context, traffic.past)
-    assert np.median(without[traffic.mask]) * 12 > 1.8
-    assert np.median(with_prior[traffic.mask]) * 12 < 1.0
 
 
 def test_only_the_wanted_frames_are_known(observe: Observe) -> None:
@@ -101,9 +87,9 @@ def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
 
 
 def test_settings_are_built_and_described() -> None:
-    spec = {"name": "multiview", "frames": [-1, -3], "ground": "none"}
+    spec = {"name": "multiview", "frames": [-1, -3]}
     built = registry.build("depth_sources", spec)
-    assert built == Multiview(frames=(-1, -3), ground=None)
+    assert built == Multiview(frames=(-1, -3))
     assert registry.build("depth_sources", registry.describe(built)) == built
 
 
@@ -138,18 +124,6 @@ def test_exposure_changes_little(observe: Observe) -> None:
     plain, _ = estimate(context, past)
     changed, _ = estimate(darker, past)
     assert np.median(np.abs(changed - plain) / plain.clip(0.01)) < 0.01
-
-
-def test_a_road_without_fine_texture_lies_on_the_ground_plane() -> None:
-    smooth = Synthetic(seed=2, num_clips=1, num_frames=11, size_px=(128, 128), finest_detail_m=2.0)
-    context, _ = smooth[0].split(10, PrivilegedInput.PAST_POSES | PrivilegedInput.PAST_DEPTHS)
-    assert context.past is not None
-    assert context.past_depths is not None
-    road_m = context.past_depths[-1, 80:]
-    with_prior, _ = estimate(context, context.past)
-    without, _ = estimate(context, context.past, Multiview(ground=None))
-    errors = [np.abs(road_m * depth[80:] - 1).mean() for depth in (with_prior, without)]
-    assert errors[0] < 0.75 * errors[1]
 
 
 def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> None:

@@ -14,7 +14,7 @@ def test_wide_blur_nearly_equals_a_gaussian_blur(sigma_px: float) -> None:
     image = cv2.GaussianBlur(noise, (0, 0), 1.0)
     expected = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
     difference = np.abs(wide_blur(image, sigma_px) - expected)  # grey levels of 255
-    assert difference[8:-8, 8:-8].max() < 1.5
+    assert difference[8:-8, 8:-8].max() < 2.0
     assert difference.mean() < 0.3 * expected.std() + 0.1
 
 
