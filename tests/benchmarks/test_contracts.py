@@ -10,6 +10,7 @@ import pytest
 
 from geovp_benchmarks.audit.contracts import Finding, check, street
 from geovp_classic import registry
+from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible, UnknownComponent
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.inpainters.blank import Blank
@@ -17,7 +18,8 @@ from geovp_classic.metrics.image import Psnr
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
-from geovp_classic.renderers.given_depth import GivenDepth
+from geovp_classic.renderers.depth_fusion import DepthFusion
+from geovp_classic.renderers.ground_far_plane import GroundFarPlane
 from geovp_classic.types import (
     Context,
     FloatArray,
@@ -137,7 +139,7 @@ class Speechless:
 
 
 @dataclass(frozen=True)
-class Biased(GivenDepth):
+class Biased(GroundFarPlane):
     """A renderer with frames that are brighter by ten times a number."""
 
     by: Literal["number of poses", "row", "previous time", "first call", "nothing"] = "nothing"
@@ -228,14 +230,14 @@ def test_refusing_a_clip_keeps_the_promise() -> None:
 
 def test_an_unknown_role_is_answered_with_the_nearest() -> None:
     with pytest.raises(UnknownComponent, match="did you mean 'renderers'"):
-        check("renderer", GivenDepth())
+        check("renderer", GroundFarPlane())
 
 
 def test_the_depths_and_poses_of_the_street_match_its_frames() -> None:
     """Rendering the first frame from the other poses reproduces the other frames."""
     clip = street.clip()
     context, target = clip.split(1, ~PrivilegedInput.NONE)
-    scene = GivenDepth().reconstruct(context, clip.trajectory[:1])
+    scene = DepthFusion(Given(), exposure=None).reconstruct(context, clip.trajectory[:1])
     views = scene.view(target.trajectory.world_from_cam, clip.times_s[1:], clip.intrinsics)
     near = views.covered & (clip.depths[1:] < 15)
     error = np.abs(views.frames.astype(float) - target.frames)[near]

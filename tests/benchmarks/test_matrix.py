@@ -28,7 +28,7 @@ def changed(key: str, value: object) -> dict[str, Any]:
 
 def test_every_pose_source_meets_every_renderer_in_the_order_of_the_file() -> None:
     sources = {"b": {"name": "ground-truth"}, "a": "stand-still"}
-    renderers = {"r": {"name": "ground-far-plane"}, "q": {"name": "given-depth"}}
+    renderers = {"r": {"name": "ground-far-plane"}, "q": {"name": "depth-fusion"}}
     methods = schema.parse("m", content(pose_sources=sources, renderers=renderers)).methods
     assert [method.name for method in methods] == ["b--r", "b--q", "a--r", "a--q", "copy"]
     assert methods[0].label == "b + r"
@@ -120,4 +120,4 @@ def test_our_own_files_can_be_read(path: Path) -> None:
 def test_the_variants_of_the_ablation_differ() -> None:
     matrix = schema.read(CONFIGS / "ablation.toml")
     built = {repr(build_method(matrix, method.label)) for method in matrix.methods}
-    assert len(built) == len(matrix.methods) == 12
+    assert len(built) == len(matrix.methods) == 11

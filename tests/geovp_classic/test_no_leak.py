@@ -11,6 +11,7 @@ from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.audit.contracts.checks import has_context
 from geovp_benchmarks.audit.contracts.outputs import Trial
 from geovp_classic import registry
+from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
@@ -20,7 +21,6 @@ from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
 NUM_PAST = 6
@@ -159,15 +159,15 @@ def test_the_witness_notices_a_leak() -> None:
             self.pose_source.estimate(context)
             return super().predict(context, num_samples)
 
-    calls = calls_of("predictors", Careless(GroundTruth(), GivenDepth()))
+    calls = calls_of("predictors", Careless(GroundTruth(), DepthFusion(Given())))
     name, fields = calls[0]
     assert (name, fields[:3]) == ("GroundTruth", ["past_depths", "camera_height_m", "full"])
 
 
 def test_deeply_nested_components_are_watched() -> None:
     source = Planar(Chained(RecordedPast(), registry.build("forecasters", "hold")))
-    calls = calls_of("predictors", GeometricPredictor(source, GivenDepth()))
-    assert [name for name, _ in calls] == ["Planar", "Chained", "Recorded", "GivenDepth"]
+    calls = calls_of("predictors", GeometricPredictor(source, DepthFusion(Given())))
+    assert [name for name, _ in calls] == ["Planar", "Chained", "Recorded", "DepthFusion", "Given"]
     assert all(fields == [] for _, fields in calls)
 
 

@@ -1,7 +1,7 @@
 """With exact depth and poses, geometry must predict the future of the synthetic street.
 
 Exact masks exclude what the last frame does not determine: uncovered pixels, moving objects at
-their old and new places, and surfaces that the last frame does not show.
+their old and new places, depth edges, and surfaces that the last frame does not show.
 """
 
 from dataclasses import replace
@@ -11,14 +11,23 @@ import pytest
 from scipy import ndimage
 
 from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.depth.given import Given
 from geovp_classic.metrics.strata import strata
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.renderers.given_depth import GivenDepth
-from geovp_classic.types import BoolArray, ByteArray, Clip, Context, PrivilegedInput, Target
+from geovp_classic.renderers.depth_fusion import DepthFusion
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    Context,
+    FloatArray,
+    PrivilegedInput,
+    Target,
+)
 
 NUM_FUTURE = 5
-PREDICTOR = GeometricPredictor(GroundTruth(), GivenDepth())
+PREDICTOR = GeometricPredictor(GroundTruth(), DepthFusion(Given(), detail=None, exposure=None))
 
 
 def quiet_street(index: int, pitch_deg: float, roll_deg: float) -> Clip:
@@ -47,6 +56,16 @@ def determined(context: Context, target: Target, moving: BoolArray) -> BoolArray
     return strata(context, target)["seen"] & ~is_hidden
 
 
+def depth_edges(depths: FloatArray) -> BoolArray:
+    """Mask pixels [F, H, W] next to a step of the inverse depth of at least a tenth."""
+    size = (1, 3, 3)
+    nearest, farthest = (
+        ndimage.minimum_filter(depths, size),
+        ndimage.maximum_filter(depths, size),
+    )
+    return nearest < 0.9 * farthest
+
+
 def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
     return float(10 * np.log10(255**2 / np.mean((frames[mask].astype(float) - target[mask]) ** 2)))
 
@@ -64,8 +83,9 @@ def test_the_future_is_reproduced(index: int, pitch_deg: float, roll_deg: float)
     context, target = clip.split(1, ~PrivilegedInput.NONE)
     prediction = PREDICTOR.predict(context)
     known_pixels = determined(context, target, clip.moving[0])
+    known_pixels &= ~depth_edges(target.depths)  # whose pixels show two surfaces
     static = prediction.covered[0] & known_pixels
-    assert static.mean() > 0.75
+    assert static.mean() > 0.7
     assert static.sum() > 0.93 * known_pixels.sum()
     assert psnr_db(prediction.frames[0], target.frames, static) >= 35
     assert psnr_db(prediction.frames[0], target.frames, known_pixels) >= 32
