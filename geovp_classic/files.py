@@ -1,11 +1,6 @@
-"""Checked reading of files: a missing, too large or damaged file raises BadData in one sentence.
-
-A folder may hold SHA256SUMS as `sha256sum * > SHA256SUMS` writes it; its files must then match it.
-"""
+"""Checked reading of files: a missing, too large or damaged file raises BadData in one sentence."""
 
 import contextlib
-import functools
-import hashlib
 import io
 import json
 import re
@@ -55,7 +50,7 @@ def checked(what: str, advice: str) -> Iterator[None]:
 
 
 def read_bytes(path: Path, limit_bytes: int = 256 * MIB) -> bytes:
-    """Read a regular file of at most `limit_bytes` and compare it with SHA256SUMS beside it."""
+    """Read a regular file of at most `limit_bytes`."""
     with opened(path) as file:
         content = file.read(limit_bytes + 1)
     if len(content) > limit_bytes:
@@ -63,14 +58,7 @@ def read_bytes(path: Path, limit_bytes: int = 256 * MIB) -> bytes:
             f"{path} has more than {limit_bytes // MIB} MiB, the limit of such files: give the "
             "right file"
         )
-    _check_sum(path, io.BytesIO(content))
     return content
-
-
-def check_file(path: Path) -> None:
-    """Raise BadData unless this is a regular file that matches SHA256SUMS beside it."""
-    with opened(path) as file:
-        _check_sum(path, file)
 
 
 def read_text(path: Path, limit_bytes: int = 64 * MIB) -> str:
@@ -108,28 +96,6 @@ def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
         if damaged := archive.zip.testzip():
             raise ValueError(f"the checksum of {damaged} is wrong")
         return dict(archive)
-
-
-def _check_sum(path: Path, file: io.BufferedIOBase) -> None:
-    """Raise BadData if SHA256SUMS beside the file lists another digest."""
-    sums = path.with_name("SHA256SUMS")
-    if path == sums or not sums.is_file():
-        return
-    expected = _digests(sums, sums.stat().st_mtime_ns).get(path.name)
-    if expected not in (None, hashlib.file_digest(file, "sha256").hexdigest()):
-        raise BadData(
-            f"{path} does not match SHA256SUMS beside it, so it was damaged or edited: restore "
-            "it, or write SHA256SUMS again"
-        )
-
-
-@functools.lru_cache(maxsize=64)
-def _digests(path: Path, _mtime_ns: int) -> dict[str, str]:
-    """Return the digests of a SHA256SUMS file by file name; long lists are parsed once."""
-    lines = re.findall(
-        r"^([0-9a-f]{64}) [ *](.+)$", read_text(path), re.MULTILINE
-    )
-    return {name: digest for digest, name in lines}
 
 
 def leads_inside(name: str) -> bool:

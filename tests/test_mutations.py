@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import hashlib
 import random
 import resource
 import signal
@@ -77,18 +76,6 @@ def text(name: str, content: str) -> Write:
 def image(name: str, array: np.ndarray = IMAGE) -> Write:
     content = cv2.imencode(Path(name).suffix, array)[1].tobytes()
     return lambda folder: write_bytes(folder / name, content)
-
-
-def with_sums(write: Write) -> Write:
-    """Write SHA256SUMS beside the file, too."""
-
-    def write_both(folder: Path) -> Path:
-        path = write(folder)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        path.with_name("SHA256SUMS").write_text(f"{digest}  {path.name}\n")
-        return path
-
-    return write_both
 
 
 def video(name: str, codec: str) -> Write:
@@ -262,7 +249,6 @@ READERS: dict[str, Reader] = {
     "jpg": Reader(image("a.jpg"), frames.read_image),
     "bmp": Reader(image("a.bmp"), frames.read_image),
     "tif": Reader(image("a.tif"), frames.read_image),
-    "jpg with sums": Reader(with_sums(image("a.jpg")), frames.read_image, has_checksum=True),
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
@@ -275,7 +261,7 @@ READERS: dict[str, Reader] = {
     "colmap images.bin": Reader(colmap_model("images.bin"), read_colmap),
     "colmap cameras.bin": Reader(colmap_model("cameras.bin"), read_colmap),
     "colmap images.txt": Reader(colmap_model("images.txt"), read_colmap),
-    "weights": Reader(with_sums(weights), read_weights, has_checksum=True),
+    "weights": Reader(weights, read_weights),
 }
 
 

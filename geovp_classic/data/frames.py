@@ -1,8 +1,7 @@
 """The frames of one camera, read one at a time: a list of image files, or a video.
 
 Images are decoded only if they are complete. PNG has a checksum for every chunk. JPEG, WebP, BMP,
-PPM and JPEG 2000 have none: a flipped bit in their pixels shows only against a SHA256SUMS beside
-them, see `files`.
+PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
 """
 
 import io
@@ -148,8 +147,8 @@ class VideoFrames:
 
     def __init__(self, path: Path) -> None:
         """Open a video file; BadData if it cannot be decoded."""
-        files.check_file(path)
-        self.path = path
+        with files.opened(path):
+            self.path = path
         self._restart()
         get = self._capture.get
         self.size_px = (

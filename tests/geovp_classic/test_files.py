@@ -1,6 +1,5 @@
 """Checked reading of files, and texts that reach HTML, LaTeX and file names."""
 
-import hashlib
 import os
 from pathlib import Path
 
@@ -14,17 +13,6 @@ from geovp_benchmarks.tables.formats import escape
 from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
-
-
-def test_a_file_must_match_sha256sums_beside_it(tmp_path: Path) -> None:
-    path = tmp_path / "times.txt"
-    path.write_text("0.0\n0.1\n")
-    digest = hashlib.sha256(b"0.0\n0.1\n").hexdigest()
-    (tmp_path / "SHA256SUMS").write_text(f"{digest}  times.txt\n")
-    assert pose_files.read_times(path).tolist() == [0.0, 0.1]
-    path.write_text("0.0\n0.3\n")
-    with pytest.raises(BadData, match=r"times\.txt: does not match SHA256SUMS beside it"):
-        pose_files.read_times(path)
 
 
 @pytest.mark.parametrize("name", ["pipe", ".", "large", "missing", "n" * 300, "a\0b"])
