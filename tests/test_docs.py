@@ -303,7 +303,8 @@ def check_geovp(
     is_predict = args[0] == "predict" and "--first" in args
     if is_predict:
         args = [*args, "--size", "96", "--out", str(folder / "predicted")]
-    needs_results = args[0] in ("table", "plot", "report", "rescore") and "results/demo" in args
+    needs_results = args[0] in ("table", "report", "rescore") and "results/demo" in args
+    needs_results |= args[0] == "plot" and "--width" in args
     is_check = args[0] == "check" and args[2] == "depth-fusion"
     if args[0] == "list" or needs_results or is_check or is_predict:
         assert cli.main(args) == 0

@@ -21,11 +21,11 @@ DRIVES = (60, 84, 93, 96)
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[..., Path]) -> Path:
-    """Ten frames of the synthetic street, whole frames of 530x160, as each of the protocol's
+    """Ten frames of the synthetic street, whole frames of 318x96, as each of the protocol's
     drives.
     """
     folder = tmp_path_factory.mktemp("raw")
-    clip = Synthetic(num_clips=1, num_frames=10, size_px=(160, 160), with_full=True)[0]
+    clip = Synthetic(num_clips=1, num_frames=10, size_px=(96, 96), with_full=True)[0]
     assert clip.full is not None
     nothing = {"depths": None, "moving": None, "full": None}
     wide = dataclasses.replace(

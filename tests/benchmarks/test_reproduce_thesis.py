@@ -93,8 +93,9 @@ def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
 
 @pytest.mark.usefixtures("unrendered")
 def test_failures_are_the_clips_of_the_worst_score(
-    root: Path, tmp_path: Path, printed: Says
+    root: Path, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)  # takes long
     printed(*words(root, tmp_path, "--methods", "copy-last", "--keep", "worst:psnr"))
     results = Results(tmp_path)
     clips = results.protocol()["clips"]

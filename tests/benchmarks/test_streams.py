@@ -22,7 +22,6 @@ copy-last = { name = "copy-last" }
 [metrics]
 frame = ["psnr"]
 """
-UNREADABLE = (">&- 2>/dev/full", "2>&1 | head -1")
 
 
 def geovp(words: str, streams: str, folder: Path) -> int:
@@ -42,9 +41,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("streams", UNREADABLE)
-def test_a_matrix_is_run_although_nobody_reads(streams: str, folder: Path) -> None:
-    assert geovp("run matrix.toml --out results", streams, folder) == 0
+def test_a_matrix_is_run_although_nobody_reads(folder: Path) -> None:
+    assert geovp("run matrix.toml --out results", ">&- 2>/dev/full", folder) == 0
     assert (folder / "results" / "report.html").is_file()
 
 
@@ -54,5 +52,5 @@ def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
 
 def test_a_clip_is_predicted_although_nobody_reads(folder: Path) -> None:
     words = "predict frames --fov 90 --fps 10 --past 4 --future 2 --out predicted"
-    assert geovp(words, "2>&-", folder) == 0
+    assert geovp(words, "2>&1 | head -1", folder) == 0
     assert any((folder / "predicted").iterdir())
