@@ -19,10 +19,10 @@ demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictur
 	$(BIN)/geovp run --fresh demo
 
 # Some images forbid Python to keep compiled modules, which every process of a test would compile again. Libraries bring plug-ins of
-# pytest that no test here needs, and whose modules every process would rewrite. Some tests wait: one more process than cores.
+# pytest that no test here needs, and whose modules every process would rewrite.
 PLUGINS := -p xdist -p randomly -p hypothesispytest
 test: $(READY)  ## the whole test suite; with GEOVP_TEST_DATA=FOLDER also on real data
-	PYTHONDONTWRITEBYTECODE= PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest $(PLUGINS) -n $$(( $$(nproc) + 1 )) --dist worksteal -q $(if $(CI),--randomly-seed=1) $(TESTS)
+	PYTHONDONTWRITEBYTECODE= PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest $(PLUGINS) -n auto --dist worksteal -q $(if $(CI),--randomly-seed=1) $(TESTS)
 
 # In a copy, since cosmic-ray changes the sources themselves, one mutant at a time.
 mutation: $(READY)  ## do the tests notice changed sources? MODULE=geometry|metrics|statistics|store|scoring MUTANTS=60 SEED=1
