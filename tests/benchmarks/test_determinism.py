@@ -18,7 +18,7 @@ from tests.benchmarks.made import go
 
 MATRIX: dict[str, Any] = {
     "protocol": {
-        "dataset": {"name": "synthetic", "num_clips": 2},
+        "dataset": {"name": "synthetic", "num_clips": 3},
         "num_past": 8,
         "num_future": 3,
         "size_px": [96, 96],
@@ -75,7 +75,7 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
     values = ([row[4] for row in rows] for rows in (scores, expected))
     np.testing.assert_allclose(*values, rtol=1e-6, atol=1e-6)
     clips = serial.predictions(METHOD)
-    assert len(clips) == 2
+    assert len(clips) == 3
     for clip in clips:
         one, two = (results.prediction(METHOD, clip) for results in (serial, other))
         assert np.abs(one.frames.astype(int) - two.frames).max() <= 1

@@ -34,7 +34,7 @@ def overfitted(
     networks = method.build()
     optimisers = method.optimisers(networks)
     batch = pairs.batch([pairs.frame_pairs(pairs.Example(clip, NUM_PAST - 1), [0, 1, 2, 3, 4])])
-    for step in range(100):
+    for step in range(150):
         for turn, losses in method.training_step(networks, batch, step):
             optimisers[turn].zero_grad()
             losses["total"].backward()

@@ -43,7 +43,7 @@ def trained(
 
 
 def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Clip) -> None:
-    """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to five
+    """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to four
     percent.
     """
     fine = replace(
@@ -54,23 +54,23 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Cli
     )
     examples = fine.examples([tiny_clip], training=True)
     assert len(examples) == 8
-    _, history = trained(fine, examples, num_steps=240, final_share=0.0)
+    _, history = trained(fine, examples, num_steps=380, final_share=0.0)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
     assert last["generator.colour"] < 0.008
     assert first["generator.depth"] > 1
-    assert last["generator.depth"] < 0.05
-    assert last["generator.total"] < 0.045 * first["generator.total"]
+    assert last["generator.depth"] < 0.04
+    assert last["generator.total"] < 0.035 * first["generator.total"]
 
 
 def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(
     method: SynSinTraining, tiny_clip: Clip
 ) -> None:
     examples = method.examples([tiny_clip], training=True)
-    networks, history = trained(method, examples, num_steps=130)
+    networks, history = trained(method, examples, num_steps=190)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
-    assert last["generator.colour"] < 0.03
+    assert last["generator.colour"] < 0.025
     assert first["generator.depth"] > 0.5
     assert last["generator.depth"] < 0.12
     networks["generator"].eval()

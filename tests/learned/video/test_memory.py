@@ -1,4 +1,4 @@
-"""Thirty samples at full size fit into a gigabyte: only their bytes are ever held together,
+"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together,
 and no trainer.
 """
 
@@ -21,19 +21,20 @@ random = np.random.default_rng(0)
 frames = random.integers(0, 256, (10, 256, 256, 3), dtype=np.uint8)
 context = Context(frames, np.arange(30) / 10, Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256))
 profiling.reset_peak()
-made = registry.build("predictors", "srvp").predict(context, num_samples=30).frames
+made = registry.build("predictors", "srvp").predict(context, num_samples=100).frames
 assert "lightning" not in sys.modules, "takes three seconds to import"
 print(made.shape, made.nbytes, profiling.peak_mb())
 """
 
 
-def test_thirty_samples_of_twenty_frames() -> None:
+def test_a_hundred_samples_of_twenty_frames() -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True
     )
     shape, _, rest = done.stdout.rpartition(") ")
     count, peak_mb = rest.split()
-    assert shape == "(30, 20, 256, 256, 3"
-    # 112 MiB, the samples themselves; as floats they would be 450 MiB
-    assert int(count) == 30 * 20 * 256 * 256 * 3
-    assert float(peak_mb) < 850
+    assert shape == "(100, 20, 256, 256, 3"
+    assert (
+        int(count) == 100 * 20 * 256 * 256 * 3
+    )  # 375 MiB, the samples themselves; as floats they would be 1.5 GiB
+    assert float(peak_mb) < 1400

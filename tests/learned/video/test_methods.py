@@ -63,7 +63,7 @@ def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteA
 def test_the_posterior_knows_what_the_prior_must_guess(
     method: VideoTraining, coin_flips: Tensor
 ) -> None:
-    network, history = trained(method, coin_flips, num_steps=120)
+    network, history = trained(method, coin_flips, num_steps=200)
     assert history[-1]["nats"] > 0
     random = torch.Generator().manual_seed(0)
     with torch.no_grad():
