@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.depth.matching import CostArray
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import ByteArray, FloatArray
 
 SumArray = npt.NDArray[np.uint16]
@@ -38,14 +39,17 @@ class SemiGlobalAggregation:
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
         """Return the path costs [H, W, N], summed over all eight directions."""
-        sums = np.empty(costs.shape, np.uint16)
-        # The upward pass is the downward one on an image turned by 180 degrees; it adds to the
-        # sums, of which a second volume would take longer.
-        for is_upward in (False, True):
+
+        def follow(is_upward: bool) -> SumArray:
+            # The upward pass is the downward one on an image turned by 180 degrees.
             turned = image[::-1, ::-1] if is_upward else image
             large_steps = self._large_steps(turned)
+            sums = np.empty(costs.shape, np.uint16)
             _follow(costs, is_upward, self.small_step_cost, large_steps, sums)
-        return sums
+            return sums
+
+        downward, upward = parallel_map(follow, (False, True))
+        return np.add(downward, upward, out=downward)
 
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
@@ -71,8 +75,10 @@ def winners(
     The lead is in costs of one direction.
     """
     levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
-    by_pixel = sums.reshape(levels.size, -1)
-    _judge(by_pixel, num_neighbours, levels.ravel(), lead.ravel())
+    parallel_map(
+        lambda row: _judge(sums[row], num_neighbours, levels[row], lead[row]),
+        range(len(sums)),
+    )
     return levels, lead / 8
 
 
@@ -115,7 +121,7 @@ def _follow(
     is_upward: bool,
     small_step: int,
     large_steps: PathArray,  # [4, H, W], in the order of the pass
-    sums: SumArray,  # [H, W, N]; the upward pass adds to them, the downward one writes them
+    sums: SumArray,  # [H, W, N], written
 ) -> None:
     """Sum the costs of the four paths of one pass.
 
@@ -167,8 +173,7 @@ def _follow(
                     + vertical[n + 1]
                     + right[n + 1]
                 )
-                before = total[n] if is_upward else np.uint16(0)
-                total[n] = np.uint16(before + path_sum)
+                total[n] = np.uint16(path_sum)
 
 
 @numba.njit(nogil=True, cache=True)
