@@ -27,7 +27,8 @@ def parallel_map(
     is_nested = threading.current_thread().name.startswith("geovp")
     if is_nested or len(todo) < 2:
         return [work(task) for task in todo]
-    return list(_pool(os.getpid(), numba.get_num_threads()).map(work, todo))
+    num_threads = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    return list(_pool(os.getpid(), num_threads).map(work, todo))
 
 
 @functools.cache

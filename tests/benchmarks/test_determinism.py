@@ -32,14 +32,14 @@ METHOD = "vo--fusion"
 
 
 def run(root: Path, threads: int, executor: Executor) -> Results:
-    before = numba.get_num_threads(), cv2.getNumThreads()
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    before = numba.config.NUMBA_NUM_THREADS, cv2.getNumThreads()
+    numba.config.NUMBA_NUM_THREADS = threads
     cv2.setNumThreads(threads)
     try:
         with threadpool_limits(threads):
             (method,) = go(root, MATRIX, executor, keep="all").values()
     finally:
-        numba.set_num_threads(before[0])
+        numba.config.NUMBA_NUM_THREADS = before[0]
         cv2.setNumThreads(before[1])
     assert (method.status, method.num_failed) == ("done", 0)
     return Results(root)

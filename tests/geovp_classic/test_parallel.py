@@ -17,15 +17,15 @@ def test_results_keep_the_order_of_the_tasks() -> None:
 
 def meet() -> int:
     """Wait for as many threads as there are; return their number."""
-    count = numba.get_num_threads()
+    count = numba.config.NUMBA_NUM_THREADS
     meeting = threading.Barrier(count, timeout=10)
     return len(parallel_map(lambda _: meeting.wait(), range(count)))
 
 
 def test_all_threads_work_at_once_also_in_a_fork() -> None:
-    assert meet() == numba.get_num_threads()
+    assert meet() == numba.config.NUMBA_NUM_THREADS
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        assert pool.apply(meet) == numba.get_num_threads()
+        assert pool.apply(meet) == numba.config.NUMBA_NUM_THREADS
 
 
 def test_an_error_is_raised() -> None:
