@@ -64,12 +64,10 @@ class ScaleEstimator(Protocol):
         before: ByteArray,
         now: ByteArray,
         before_from_now: FloatArray,
-        radial: float = 0.0,
     ) -> None:
         """Update the estimate with two grey images [H, W] and the motion between them [4, 4].
 
-        The translation is in units of the odometry, which also estimates the distortion `radial`:
-        undistorted ray = ray * (1 + radial * |ray|^2).
+        The translation is in units of the odometry.
         """
 
     def restart(self) -> None:

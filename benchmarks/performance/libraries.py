@@ -11,11 +11,10 @@ from typing import Any, Self
 import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import Bundle, BundleAdjustment
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
-from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.pose_refinement.registration import ImageRegistration
@@ -144,7 +143,7 @@ def adjustment(scene: Scene) -> Problem:
     deviations = np.random.default_rng(1).normal(0, 1, (len(poses) - 1, 6))
     deviations *= np.repeat([5e-3, 2e-4], 3)
     given = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]])
-    pixels = Lens(CAMERA).pixels(scene.rays)
+    pixels = pinhole.project(homogeneous(scene.rays), CAMERA)[0]
     visible = np.ones((len(poses) - 1, len(scene.points)), dtype=bool)
     rays = homogeneous(scene.rays[0])
     bundle = Bundle(given[1:], rays, np.zeros(len(rays)), pixels[1:], visible, CAMERA)
@@ -157,7 +156,7 @@ def adjustment(scene: Scene) -> Problem:
 
     def rival() -> FloatArray:
         points = triangulate(scene.rays, given)
-        adjusted, *_ = bundle_adjust(given, points, pixels, Lens(CAMERA), num_fixed=1)
+        adjusted, *_ = bundle_adjust(given, points, pixels, CAMERA, num_fixed=1)
         return adjusted[-1]
 
     return Problem(

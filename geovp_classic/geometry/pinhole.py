@@ -31,6 +31,11 @@ def unproject(
     return np.stack([x, y, np.broadcast_to(depth, x.shape)], axis=-1)
 
 
+def normalised(pixels: FloatArray, camera: Intrinsics) -> FloatArray:
+    """Return the normalised coordinates [..., 2] of pixels [..., 2]: their rays at z = 1."""
+    return unproject(pixels, 1.0, camera)[..., :2]
+
+
 def pixel_grid(camera: Intrinsics) -> FloatArray:
     """Return all pixels [H, W, 2] as (u, v)."""
     v, u = np.indices((camera.height_px, camera.width_px), np.float64)

@@ -93,12 +93,12 @@ class TwoViewEstimator:
         b_from_a[:3, :3] = rotation
         b_from_a[:3, 3:] = direction
         fits = (
-            np.abs(sampson_terms(rays_a, rays_b, b_from_a).distance) < max_error
+            np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
         )
         if fits.mean() < self.min_inlier_fraction:
             return None
         b_from_a = refine(rays_a[fits], rays_b[fits], b_from_a, noise)
-        distance = sampson_terms(rays_a, rays_b, b_from_a).distance
+        distance, _ = sampson_distances(rays_a, rays_b, b_from_a)
         shift = parallax(b_from_a, rays_a, rays_b)
         essential = se3.cross_matrix(b_from_a[:3, 3]) @ b_from_a[:3, :3]
         mask = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)[3]
@@ -148,24 +148,16 @@ def best_rotation(
     return rotation
 
 
-@dataclass(frozen=True)
-class SampsonTerms:
-    """Sampson distances of N pairs of rays, and their derivatives."""
-
-    distance: FloatArray  # [N] on z = 1, signed
-    by_motion: FloatArray  # [N, 5], by a rotation vector of b and by steps along `tangents`
-    # [N], norm of the algebraic distance's derivatives by the four coordinates
-    gradient: FloatArray
-    line_a: FloatArray  # [N, 3], epipolar lines in a
-    line_b: FloatArray  # [N, 3], epipolar lines in b
-
-
-def sampson_terms(
+def sampson_distances(
     rays_a: FloatArray,  # [N, 2]
     rays_b: FloatArray,  # [N, 2]
     b_from_a: FloatArray,  # [4, 4]
-) -> SampsonTerms:
-    """Return first-order distances from the epipolar geometry (Hartley & Zisserman, 11.4.3)."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return first-order distances from the epipolar geometry (Hartley & Zisserman, 11.4.3).
+
+    These are signed distances [N] on z = 1, and their derivatives [N, 5] by a rotation vector of b
+    and by steps along `tangents`.
+    """
     a = homogeneous(rays_a)
     b = homogeneous(rays_b)
     rotation = b_from_a[:3, :3]
@@ -180,10 +172,8 @@ def sampson_terms(
     # b . (t x (w x Ra)) = w . (Ra x (b x t)) and b . (dt x Ra) = dt . (Ra x b)
     by_rotation = np.cross(rotated, np.cross(b, translation))
     by_direction = np.cross(rotated, b) @ tangents(translation).T
-    by_motion = (
-        np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
-    )
-    return SampsonTerms(distance, by_motion, gradient, line_a, line_b)
+    by_motion = np.concatenate([by_rotation, by_direction], axis=1)
+    return distance, by_motion / gradient[:, None]
 
 
 def tangents(direction: FloatArray) -> FloatArray:
@@ -204,8 +194,7 @@ def refine(
     """
 
     def linearise(motion: FloatArray) -> tuple[FloatArray, FloatArray]:
-        terms = sampson_terms(rays_a, rays_b, motion)
-        return terms.distance, terms.by_motion
+        return sampson_distances(rays_a, rays_b, motion)
 
     def retract(motion: FloatArray, step: FloatArray) -> FloatArray:
         rotation = Rotation.from_rotvec(step[:3]).as_matrix() @ motion[:3, :3]

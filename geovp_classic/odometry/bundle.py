@@ -3,15 +3,15 @@
 import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
-from geovp_classic.odometry.lens import Lens
-from geovp_classic.types import FloatArray
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import FloatArray, Intrinsics
 
 
 def bundle_adjust(
     cam_from_world: FloatArray,  # [K, 4, 4]
     points: FloatArray,  # [N, 3], each with two observations or more
     pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not observe a point
-    lens: Lens,
+    camera: Intrinsics,
     num_fixed: int = 2,
     robust_px: float = 0.5,  # scale of the soft L1 loss
 ) -> tuple[FloatArray, FloatArray]:
@@ -19,7 +19,7 @@ def bundle_adjust(
 
     The first `num_fixed` keyframes stay. With only one fixed, the length of a baseline stays, too.
     """
-    model = _reconstruction(cam_from_world, points, pixels, lens)
+    model = _reconstruction(cam_from_world, points, pixels, camera)
     if not _solve(model, _options(robust_px), num_fixed):
         return cam_from_world, points
     poses = cam_from_world.copy()
@@ -33,13 +33,13 @@ def adjust_focal(
     cam_from_world: FloatArray,  # [K, 4, 4]
     points: FloatArray,  # [N, 3], each with two observations or more
     pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not observe a point
-    lens: Lens,
+    camera: Intrinsics,
 ) -> float:
     """Return the focal length in pixels after an adjustment of it, the poses and the points.
 
     The result is NaN if the solver fails. A wrong focal length makes outliers, hence a Cauchy loss.
     """
-    model = _reconstruction(cam_from_world, points, pixels, lens)
+    model = _reconstruction(cam_from_world, points, pixels, camera)
     options = _options(robust_px=0.5)
     options.refine_focal_length = True
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
@@ -53,17 +53,17 @@ def _reconstruction(
     cam_from_world: FloatArray,
     points: FloatArray,
     pixels: FloatArray,
-    lens: Lens,
+    camera: Intrinsics,
 ) -> pycolmap.Reconstruction:
-    """Return the window as a reconstruction with undistorted pixels; identifiers count from 1."""
-    camera = lens.camera
+    """Return the window as a reconstruction with square pixels; identifiers count from 1."""
     centre = np.array([camera.cx_px, camera.cy_px])
-    undistorted = np.nan_to_num(lens.rays(pixels) * lens.focal_px + centre)
+    rays = pinhole.normalised(pixels, camera)
+    keypoints = np.nan_to_num(camera.fx_px * rays + centre)
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
         pycolmap.Camera(
             model="SIMPLE_PINHOLE",
-            params=[lens.focal_px, *centre],
+            params=[camera.fx_px, *centre],
             camera_id=1,
             width=camera.width_px,
             height=camera.height_px,
@@ -71,7 +71,7 @@ def _reconstruction(
     )
     for k, pose in enumerate(cam_from_world):
         image = pycolmap.Image(
-            name=str(k), keypoints=undistorted[k], camera_id=1, image_id=k + 1
+            name=str(k), keypoints=keypoints[k], camera_id=1, image_id=k + 1
         )
         rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
         model.add_image_with_trivial_frame(image, rigid)

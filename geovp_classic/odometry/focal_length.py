@@ -15,7 +15,6 @@ import numpy as np
 
 from geovp_classic.observation import scene_window_of
 from geovp_classic.odometry.bundle import adjust_focal
-from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.tracking import Image, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, Intrinsics
@@ -129,4 +128,4 @@ class FocalLengthEstimator:
         index = tracks.adjustable()[: self.num_points]
         points = tracks.points[index]
         pixels = tracks.observations[:, index]
-        return adjust_focal(tracks.cam_from_world, points, pixels, Lens(camera))
+        return adjust_focal(tracks.cam_from_world, points, pixels, camera)

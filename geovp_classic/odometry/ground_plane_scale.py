@@ -1,6 +1,6 @@
 """Metric scale of an odometry from the road and the camera's height above it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,6 @@ import numpy as np
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import ScaleEstimator
-from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.random_walk import RandomWalk
 from geovp_classic.odometry.road import (
     RoadAligner,
@@ -109,17 +108,17 @@ class GroundPlaneEstimator:
         self._num_measured = 0
         self._num_missed = 0  # in a row
         self._is_restarted = False
-        self._lens = Lens(camera)
+        self._camera = camera
         self._pixels = settings.road.samples(
-            self._lens, level_plane(1.0, pitch_rad)
+            camera, level_plane(1.0, pitch_rad)
         )  # [N, 2]
         self._top_px = 0  # of the rows that show the road
         if len(self._pixels):
             self._top_px = max(0, int(self._pixels[:, 1].min()) - 24)
             self._pixels[:, 1] -= self._top_px
             height_px = camera.height_px - self._top_px
-            self._lens = Lens(
-                camera.cropped(0, self._top_px, camera.width_px, height_px)
+            self._camera = camera.cropped(
+                0, self._top_px, camera.width_px, height_px
             )
 
     def finalize(self, length: float, duration_s: float) -> None:
@@ -147,7 +146,6 @@ class GroundPlaneEstimator:
         before: ByteArray,
         now: ByteArray,
         before_from_now: FloatArray,
-        radial: float = 0.0,
     ) -> None:
         """Measure the height from two grey images [H, W] and the motion between them [4, 4]."""
         settings = self.settings
@@ -161,7 +159,7 @@ class GroundPlaneEstimator:
             road.blurred(before[self._top_px :]),
             road.blurred(now[self._top_px :]),
             before_from_now,
-            replace(self._lens, radial=radial),
+            self._camera,
         )
         measured = self._measure(pair)
         if measured is None:

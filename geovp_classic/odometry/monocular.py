@@ -145,7 +145,7 @@ class Monocular:
         """Track the images of a clip, and adjust all of them together."""
         tracker = track_clip(self.tracking, images, intrinsics)
         tracker.map.adjust(num_fixed=1)
-        return Path(*tracker.poses(), tracker.radial.mean)
+        return Path(*tracker.poses())
 
     def _fit_scale(
         self,
@@ -172,7 +172,7 @@ class Monocular:
                     poses = path.world_from_cam
                     before_from_now = se3.inverse(poses[before]) @ poses[now]
                     greys = (images[before].grey, images[now].grey)
-                    estimator.update(*greys, before_from_now, path.radial)
+                    estimator.update(*greys, before_from_now)
             estimator.finalize(path.length, duration_s)
             is_measured = estimator.uncertainty < self.max_uncertainty
             if best is None or is_measured:
@@ -208,7 +208,6 @@ class Path:
 
     world_from_cam: FloatArray  # [P, 4, 4]
     tracked: BoolArray  # [P]
-    radial: float  # of `Lens`
 
     @property
     def length(self) -> float:

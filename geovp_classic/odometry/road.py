@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.geometry import planar
+from geovp_classic.geometry import pinhole, planar
 from geovp_classic.geometry.robust import geman_mcclure_weight
-from geovp_classic.geometry.two_view import homogeneous
-from geovp_classic.odometry.lens import Lens
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 
 @dataclass(frozen=True)
@@ -49,12 +47,11 @@ class RoadAligner:
         """Return the grey image [H, W] as float32, blurred."""
         return cv2.GaussianBlur(grey, (0, 0), self.blur_px).astype(np.float32)
 
-    def samples(self, lens: Lens, normal: FloatArray) -> FloatArray:
+    def samples(self, camera: Intrinsics, normal: FloatArray) -> FloatArray:
         """Return pixels [N, 2] of the road ahead, evenly spread over the image.
 
         The road's unit normal [3] in the camera points down.
         """
-        camera = lens.camera
         horizon = (1 / self.max_distance - normal[2]) / normal[1]  # on z = 1
         top = int(
             np.clip(
@@ -65,7 +62,7 @@ class RoadAligner:
             top : camera.height_px - 2, 2 : camera.width_px - 2
         ]
         pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
-        rays = homogeneous(lens.rays(pixels))
+        rays = pinhole.unproject(pixels, 1.0, camera)
         inverse_depth = np.maximum(rays @ normal, 1e-6)
         is_road = np.abs(rays[:, 0]) < self.half_width * inverse_depth
         is_road &= inverse_depth < 1 / self.min_distance
@@ -90,7 +87,7 @@ class RoadAligner:
             for image in (pair.before, pair.now)
         )
         pixels = pixels[:: self.search_stride]
-        rays = homogeneous(pair.lens.rays(pixels))
+        rays = pinhole.unproject(pixels, 1.0, pair.camera)
         values = sample(now, pixels)
         correlations = self.correlation(before, values, pair, rays, planes)
         best = int(correlations.argmax())
@@ -115,7 +112,7 @@ class RoadAligner:
         ]
         fields = np.stack([pair.before, *derivatives], axis=-1)
         target = sample(pair.now, pixels)
-        rays = homogeneous(pair.lens.rays(pixels))
+        rays = pinhole.unproject(pixels, 1.0, pair.camera)
         prior_information = _tilt_information(start, tilt_rad)
         plane = start
         for _ in range(self.max_rounds):
@@ -180,9 +177,9 @@ class RoadAligner:
             return None
         x, y, depth = points[visible].T
         values, by_u, by_v = sample(fields, pixels[visible]).T
-        camera = pair.lens.camera
+        camera = pair.camera
         translation = pair.before_from_now[:3, 3]
-        # derivative of the grey value by m . r, without distortion
+        # derivative of the grey value by m . r
         slope = (
             by_u * camera.fx_px * (translation[0] * depth - x * translation[2])
         )
@@ -201,7 +198,7 @@ class RoadPair:
     before: FloatArray  # [H, W] float32
     now: FloatArray  # [H, W] float32
     before_from_now: FloatArray  # [4, 4]
-    lens: Lens
+    camera: Intrinsics
 
     def project(
         self,
@@ -217,13 +214,10 @@ class RoadPair:
         translation = self.before_from_now[:3, 3]
         points = rays @ self.before_from_now[:3, :3].T
         points = points + inverse_depth[..., None] * translation
-        in_front = points[..., 2] > 1e-3
-        depth = np.where(in_front, points[..., 2], 1.0)
-        pixels = self.lens.pixels(points[..., :2] / depth[..., None])
+        pixels, depth = pinhole.project(points, self.camera)
         u, v = pixels[..., 0], pixels[..., 1]
-        camera = self.lens.camera
-        visible = in_front & (u > 1) & (u < camera.width_px - 2)
-        visible &= (v > 1) & (v < camera.height_px - 2)
+        visible = (depth > 1e-3) & (u > 1) & (u < self.camera.width_px - 2)
+        visible &= (v > 1) & (v < self.camera.height_px - 2)
         return points, pixels, visible
 
 

@@ -8,9 +8,7 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import TwoViewEstimator
 from geovp_classic.odometry.features import CornerTracker
-from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import Resection
-from geovp_classic.odometry.self_calibration import RadialEstimate
 from geovp_classic.odometry.windowed_map import (
     Keyframe,
     KeyframePolicy,
@@ -33,7 +31,6 @@ class Tracking:
     keyframes: KeyframePolicy = KeyframePolicy()
     two_view: TwoViewEstimator = TwoViewEstimator()
     resection: Resection = Resection()
-    radial: RadialEstimate = RadialEstimate()
     # corners or inliers that a map is initialised with
     min_start_points: int = 30
     # inliers of a motion relative to a keyframe
@@ -86,17 +83,13 @@ class Tracker:
 
     def __init__(self, settings: Tracking, camera: Intrinsics) -> None:
         self.settings = settings
-        self.radial = settings.radial
-        lens = Lens(camera, self.radial.mean)
         self.map = WindowedMap(
-            lens, settings.corners.noise_px, settings.keyframes
+            camera, settings.corners.noise_px, settings.keyframes
         )
         self.map.add_keyframe(np.eye(4))
         self.num_starts = 0  # maps so far; each has its own unit of length
-        # the last two keyframes' images, their motion before_from_now [4, 4], and `Lens.radial`
-        self.new_pair: tuple[ByteArray, ByteArray, FloatArray, float] | None = (
-            None
-        )
+        # the last two keyframes' images and their motion before_from_now [4, 4]
+        self.new_pair: tuple[ByteArray, ByteArray, FloatArray] | None = None
         self._poses: list[RelativePose] = []
         self._last: Image | None = None  # last localised image
         self._world_from_last: FloatArray = np.eye(4)
@@ -157,7 +150,7 @@ class Tracker:
         )
         has_point = is_found & self.map.triangulated[index]
         points = self.map.points[index[has_point]]
-        rays = self.map.lens.rays(pixels[has_point])
+        rays = self.map.rays(pixels[has_point])
         localised = self.settings.resection.resect(
             points, rays, predicted, self.map.noise
         )
@@ -191,8 +184,8 @@ class Tracker:
         index = index[in_keyframe]
         pixels = pixels[in_keyframe]
         motion = settings.two_view.estimate(
-            world.lens.rays(world.observations[-1, index]),
-            world.lens.rays(pixels),
+            world.rays(world.observations[-1, index]),
+            world.rays(pixels),
             world.noise,
         )
         min_fraction = settings.min_start_fraction
@@ -262,23 +255,14 @@ class Tracker:
         )
 
     def _add_keyframe(self, image: Image) -> None:
-        """Add the last localised image to the map, calibrate, triangulate, adjust, and detect."""
+        """Add the last localised image to the map, triangulate, adjust, and detect."""
         assert self._keyframe is not None
         policy = self.settings.keyframes
         world = self.map
         cam_from_world = se3.inverse(self._world_from_last)
         moves = world.parallax(cam_from_world) > policy.min_start_parallax
         world.add_keyframe(cam_from_world)
-        shared = world.observed[-2:].all(axis=0)
-        rays_a, rays_b = world.lens.distorted_rays(
-            world.observations[-2:, shared]
-        )
         before, now = world.keyframes[-2:]  # which are adjusted below
-        now_from_before = cam_from_world @ se3.inverse(before.cam_from_world)
-        self.radial = self.radial.updated(
-            rays_a, rays_b, now_from_before, world.noise
-        )
-        world.lens = replace(world.lens, radial=self.radial.mean)
         world.triangulate()
         if (
             world.is_full
@@ -295,7 +279,6 @@ class Tracker:
             self._keyframe.grey,
             image.grey,
             before_from_now,
-            self.radial.mean,
         )
         self._keyframe = image
         self._start_tracks(image)
@@ -336,7 +319,7 @@ class Tracker:
             )
             has_point = self.map.triangulated[index]
             points = self.map.points[index[has_point]]
-            rays = self.map.lens.rays(pixels[observed[has_point]])
+            rays = self.map.rays(pixels[observed[has_point]])
             guess = (
                 se3.inverse(pose.keyframe_from_cam)
                 @ pose.keyframe.cam_from_world

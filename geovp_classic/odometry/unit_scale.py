@@ -46,7 +46,6 @@ class UnitScale:
         before: ByteArray,
         now: ByteArray,
         before_from_now: FloatArray,
-        radial: float = 0.0,
     ) -> None:
         """Ignore the images."""
 

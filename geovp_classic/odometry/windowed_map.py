@@ -8,15 +8,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.two_view import homogeneous, parallax
 from geovp_classic.odometry.bundle import bundle_adjust
-from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.triangulation import (
     reprojection_errors,
     triangulate,
 )
-from geovp_classic.types import BoolArray, FloatArray, IntArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray, Intrinsics
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,9 @@ class WindowedMap:
     """
 
     def __init__(
-        self, lens: Lens, noise_px: float, policy: KeyframePolicy
+        self, camera: Intrinsics, noise_px: float, policy: KeyframePolicy
     ) -> None:
-        self.lens = lens
+        self.camera = camera
         self.noise_px = noise_px  # standard deviation of a pixel's coordinates
         self.policy = policy
         self.keyframes: list[Keyframe] = []  # K
@@ -99,7 +98,11 @@ class WindowedMap:
     @property
     def noise(self) -> float:
         """Return the standard deviation of a ray's coordinates."""
-        return self.noise_px / self.lens.focal_px
+        return self.noise_px / self.camera.fx_px
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Return the rays [..., 2] at z = 1 of pixels [..., 2]."""
+        return pinhole.normalised(pixels, self.camera)
 
     @property
     def observed(self) -> BoolArray:
@@ -185,7 +188,7 @@ class WindowedMap:
             self.cam_from_world,
             self.points[adjusted],
             self.observations[:, adjusted],
-            self.lens,
+            self.camera,
             num_fixed,
             self.noise_px,
         )
@@ -223,23 +226,20 @@ class WindowedMap:
             depth[~has_depth] = 1 / inverse_depth[neighbours].mean(axis=1)
         else:
             depth[:] = 1e9  # only rotation shifts them
-        points = homogeneous(self.lens.rays(pixels)) * depth[:, None]
+        points = pinhole.unproject(pixels, depth, self.camera)
         cam_from_last = cam_from_world @ se3.inverse(last_from_world)
         points = se3.transform(cam_from_last, points)
-        in_front = points[:, 2:] > 1e-6
-        predicted = self.lens.pixels(
-            points[:, :2] / np.where(in_front, points[:, 2:], 1.0)
-        )
-        return np.where(in_front, predicted, pixels)
+        predicted, depth = pinhole.project(points, self.camera)
+        return np.where(depth[:, None] > 1e-6, predicted, pixels)
 
     def parallax(self, cam_from_world: FloatArray) -> float:
         """Return the median shift on z = 1 of tracks since the newest keyframe, beyond rotation."""
         cam_from_keyframe = cam_from_world @ se3.inverse(
             self.keyframes[-1].cam_from_world
         )
-        rays_keyframe = self.lens.rays(self.observations[-1])
+        rays_keyframe = self.rays(self.observations[-1])
         shift = parallax(
-            cam_from_keyframe, rays_keyframe, self.lens.rays(self.pixels)
+            cam_from_keyframe, rays_keyframe, self.rays(self.pixels)
         )
         shift = shift[np.isfinite(shift)]
         return float(np.median(shift)) if len(shift) else 0.0
@@ -247,7 +247,7 @@ class WindowedMap:
     def _triangulate(self, index: IntArray) -> FloatArray:
         """Return points [M, 3]; NaN without parallax or with an error that is too large."""
         observations = self.observations[:, index]
-        rays = self.lens.rays(observations)
+        rays = self.rays(observations)
         points = triangulate(rays, self.cam_from_world)
         errors = self._errors(points, observations)
         is_outlier = errors > self.policy.max_reprojection_error * self.noise
@@ -262,7 +262,7 @@ class WindowedMap:
     ) -> FloatArray:
         """Return reprojection errors [K, M] on z = 1; NaN where there is no observation."""
         return reprojection_errors(
-            points, self.lens.rays(observations), self.cam_from_world
+            points, self.rays(observations), self.cam_from_world
         )
 
     def _drop_oldest(self, count: int) -> None:

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from geovp_classic.geometry import se3
-from geovp_classic.odometry.lens import Lens
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(700.0, 705.0, 600.0, 170.0, 1240, 370)
-LENS = Lens(CAMERA)
 
 
 def scene(count: int = 120, seed: int = 0) -> FloatArray:
@@ -18,8 +16,7 @@ def scene(count: int = 120, seed: int = 0) -> FloatArray:
 
 def project(points: FloatArray, cam_from_world: FloatArray) -> FloatArray:
     """Return the pixels [..., N, 2] of points [N, 3]."""
-    cam = se3.transform(cam_from_world, points)
-    return LENS.pixels(cam[..., :2] / cam[..., 2:])
+    return pinhole.project(se3.transform(cam_from_world, points), CAMERA)[0]
 
 
 def path(count: int) -> FloatArray:

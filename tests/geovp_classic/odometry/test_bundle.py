@@ -1,15 +1,13 @@
-"""Bundle adjustment of points and poses that are known, and the lens."""
+"""Bundle adjustment of points and poses that are known."""
 
 import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.bundle import bundle_adjust
-from geovp_classic.odometry.lens import Lens
-from tests.geovp_classic.odometry.known_points import CAMERA, LENS, path, project, scene
+from tests.geovp_classic.odometry.known_points import CAMERA, path, project, scene
 
 
 def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -> None:
@@ -19,7 +17,7 @@ def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -
     perturbed = poses.copy()
     perturbed[2:] = se3.exp(rng.normal(0, 0.01, (3, 6))) @ poses[2:]
     moved_poses, moved = bundle_adjust(
-        perturbed, points + rng.normal(0, 0.1, points.shape), pixels, LENS
+        perturbed, points + rng.normal(0, 0.1, points.shape), pixels, CAMERA
     )
     np.testing.assert_array_equal(moved_poses[:2], poses[:2])
     np.testing.assert_allclose(moved_poses, poses, atol=1e-3)
@@ -30,7 +28,7 @@ def test_bundle_adjustment_is_deterministic_and_ignores_outliers() -> None:
     points, poses = scene(), path(4)
     pixels = np.stack([project(points, pose) for pose in poses])
     pixels[2, :10] += 30
-    results = [bundle_adjust(poses, points, pixels, LENS) for _ in range(2)]
+    results = [bundle_adjust(poses, points, pixels, CAMERA) for _ in range(2)]
     np.testing.assert_array_equal(results[0][0], results[1][0])
     np.testing.assert_allclose(results[0][0], poses, atol=5e-3)
 
@@ -40,20 +38,10 @@ def test_one_fixed_keyframe_keeps_the_length_of_a_baseline() -> None:
     pixels = np.stack([project(points, pose) for pose in poses])
     perturbed = poses.copy()
     perturbed[1:] = se3.exp(np.random.default_rng(3).normal(0, 0.003, (3, 6))) @ poses[1:]
-    moved, _ = bundle_adjust(perturbed, points, pixels, LENS, num_fixed=1)
+    moved, _ = bundle_adjust(perturbed, points, pixels, CAMERA, num_fixed=1)
     np.testing.assert_array_equal(moved[0], poses[0])
     lengths = np.linalg.norm(se3.inverse(moved)[1:, :3, 3], axis=1)
     np.testing.assert_allclose(lengths / lengths[0], [1, 2, 3], rtol=0.01)
-
-
-def test_lens_goes_there_and_back() -> None:
-    bent = Lens(CAMERA, radial=-0.015)
-    pixels = np.random.default_rng(0).uniform([0, 0], [1240, 370], (100, 2))
-    np.testing.assert_allclose(bent.pixels(bent.rays(pixels)), pixels, atol=1e-3)
-    # at the right edge the ray is (1240 - 600) / 700 = 0.914: it shrinks by 1.5 % of 0.914^2
-    assert bent.rays(np.array([1240.0, 170.0]))[0] == pytest.approx(
-        0.914286 * (1 - 0.015 * 0.835918), abs=1e-5
-    )
 
 
 def test_a_program_that_is_asked_to_end_may_say_so_itself() -> None:

@@ -26,7 +26,7 @@ LEFT_TURN, RIGHT_TURN = 1, 4
 @pytest.fixture(scope="module")
 def turns() -> list[list[ByteArray]]:
     """Return two drives round a corner with a focal length of 183 px, 318 px wide."""
-    world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_full=True)
+    world = Synthetic(num_clips=8, num_frames=30, size_px=(96, 96), with_full=True)
     wide = [world[index].full for index in (LEFT_TURN, RIGHT_TURN)]
     assert all(
         each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide

@@ -285,7 +285,7 @@ def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], res
     poses[list(lost)] = truth[0]
     tracked[list(lost)] = False
     poses[max(lost) + 1 :] = se3.inverse(truth[restart]) @ truth[max(lost) + 1 :]
-    trajectory, marks = scripted(Path(poses, tracked.copy(), 0.0))
+    trajectory, marks = scripted(Path(poses, tracked.copy()))
     tracked[0] = restart == 0
     np.testing.assert_array_equal(marks, tracked)
     motion = steps(trajectory.world_from_cam)

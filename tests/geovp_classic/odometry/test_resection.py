@@ -3,13 +3,13 @@
 import numpy as np
 import pycolmap
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.odometry.resection import Resection
 from geovp_classic.odometry.triangulation import reprojection_errors
 from geovp_classic.types import FloatArray
-from tests.geovp_classic.odometry.known_points import LENS, project, scene
+from tests.geovp_classic.odometry.known_points import CAMERA, project, scene
 
-NOISE = 0.25 / LENS.focal_px
+NOISE = 0.25 / CAMERA.fx_px
 TRUTH = se3.exp(np.array([0.2, -0.1, -1.5, 0.02, -0.05, 0.01]))
 
 
@@ -21,14 +21,14 @@ def resect(points: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray
 
 def test_resection_from_a_poor_guess_is_exact_without_noise() -> None:
     points = scene()
-    pose, inliers = resect(points, LENS.rays(project(points, TRUTH)))
+    pose, inliers = resect(points, pinhole.normalised(project(points, TRUTH), CAMERA))
     np.testing.assert_allclose(pose, TRUTH, atol=1e-4)
     assert inliers.all()
 
 
 def test_resection_survives_half_wrong_points() -> None:
     points = scene()
-    rays = LENS.rays(project(points, TRUTH))
+    rays = pinhole.normalised(project(points, TRUTH), CAMERA)
     rays[:60] += np.random.default_rng(1).uniform(-0.3, 0.3, (60, 2))
     pose, inliers = resect(points, rays)
     np.testing.assert_allclose(pose, TRUTH, atol=1e-3)
@@ -38,7 +38,7 @@ def test_resection_survives_half_wrong_points() -> None:
 
 def test_resection_is_as_good_as_pycolmap() -> None:
     points = scene()
-    rays = LENS.rays(project(points, TRUTH))
+    rays = pinhole.normalised(project(points, TRUTH), CAMERA)
     rays += np.random.default_rng(4).normal(0, NOISE, rays.shape)
     pose, _ = resect(points, rays)
     camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])

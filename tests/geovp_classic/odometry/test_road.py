@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import se3
-from geovp_classic.geometry.two_view import homogeneous
-from geovp_classic.odometry.lens import Lens
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.odometry.road import RoadAligner, RoadPair, level_plane, sample
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
@@ -20,8 +18,8 @@ def test_a_level_plane_by_hand() -> None:
 
 
 def test_samples_lie_on_the_road_ahead(camera: Intrinsics) -> None:
-    pixels = ROAD.samples(Lens(camera), level_plane(1.0))
-    rays = Lens(camera).rays(pixels)
+    pixels = ROAD.samples(camera, level_plane(1.0))
+    rays = pinhole.normalised(pixels, camera)
     depth = 1 / rays[:, 1]  # in camera heights
     assert len(pixels) > 300
     assert depth.min() > ROAD.min_distance
@@ -43,13 +41,13 @@ def test_correlation_is_that_of_numpy() -> None:
     camera = Intrinsics(120.0, 118.0, 63.5, 40.0, 128, 112)
     a, b = np.random.default_rng(3).normal(100, 20, (2, 112, 128)).astype(np.float32)
     v, u = np.mgrid[60:100:2, 10:120:2]
-    rays = homogeneous(Lens(camera).rays(np.stack([u.ravel(), v.ravel()], axis=1)))
+    rays = pinhole.unproject(np.stack([u.ravel(), v.ravel()], axis=1), 1.0, camera)
     values = a[v, u].ravel()
     expected = np.corrcoef(values, (a + b)[v, u].ravel())[0, 1]
 
     def correlation(before: FloatArray, values: FloatArray, rays: FloatArray) -> FloatArray:
         plane = level_plane(1.6, 0.01, -0.02)
-        pair = RoadPair(a, b, np.eye(4), Lens(camera))
+        pair = RoadPair(a, b, np.eye(4), camera)
         return ROAD.correlation(before, values, pair, rays, plane)
 
     assert correlation(a + b, values, rays) == pytest.approx(expected, rel=1e-5)
@@ -64,9 +62,8 @@ def test_alignment_finds_the_plane(
     frames, poses = straight
     greys = np.clip(frames[:2, ..., 0], offset, 255)
     before, now = ROAD.blurred(greys[0] - np.uint8(offset)), ROAD.blurred(greys[1])
-    lens = Lens(camera)
-    pair = RoadPair(before, now, se3.inverse(poses[0]) @ poses[1], lens)
-    pixels = ROAD.samples(lens, level_plane(1.0))
+    pair = RoadPair(before, now, se3.inverse(poses[0]) @ poses[1], camera)
+    pixels = ROAD.samples(camera, level_plane(1.0))
     measured = ROAD.align(pair, pixels, level_plane(1.75), tilt_rad=0.02)
     assert measured is not None
     height = 1 / np.linalg.norm(measured.plane)

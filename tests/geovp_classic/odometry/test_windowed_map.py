@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import se3, two_view
+from geovp_classic.geometry import pinhole, se3, two_view
 from geovp_classic.odometry.windowed_map import KeyframePolicy, WindowedMap, largest_parallax
 from geovp_classic.types import FloatArray
-from tests.geovp_classic.odometry.known_points import CAMERA, LENS, path, project, scene
+from tests.geovp_classic.odometry.known_points import CAMERA, path, project, scene
 
 
 def filled() -> tuple[WindowedMap, FloatArray]:
     """Return a window of the last three of five keyframes, and the true points [N, 3]."""
     points = scene()
-    window = WindowedMap(LENS, 0.25, KeyframePolicy(window=3))
+    window = WindowedMap(CAMERA, 0.25, KeyframePolicy(window=3))
     for index, pose in enumerate(path(5)):
         if index:
             window.pixels[:] = project(points, pose)
@@ -87,7 +87,7 @@ def test_parallax_is_the_median_shift_beyond_rotation() -> None:
 def test_the_largest_parallax_is_that_of_a_loop() -> None:
     rng = np.random.default_rng(3)
     poses = path(3)
-    rays = LENS.rays(project(scene(), poses)) + rng.normal(0, 0.05, (3, 120, 2))
+    rays = pinhole.normalised(project(scene(), poses), CAMERA) + rng.normal(0, 0.05, (3, 120, 2))
     rays[rng.integers(0, 3, 120), np.arange(120)] = np.nan
     expected = np.zeros(120)
     for n in range(120):
