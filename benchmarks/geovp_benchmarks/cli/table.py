@@ -75,12 +75,17 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
     """Return the selected tables of a data set; without a selection, write all of them."""
-    from geovp_benchmarks.analysis import strata
-    from geovp_benchmarks.tables import formats, published, tables
+    from geovp_benchmarks.tables import formats, tables
 
     if args.paper is not None:
+        from geovp_benchmarks.tables import published
+
         return published.build(results, args.paper)
-    groups = strata.divide(results, args.by) if args.by else [results]
+    groups = [results]
+    if args.by is not None:
+        from geovp_benchmarks.analysis import strata
+
+        groups = strata.divide(results, args.by)
     if args.against is not None:
         return [
             tables.against(group, args.against, strict=args.strict, metrics=args.metrics)

@@ -24,6 +24,7 @@ from pydantic import Field, TypeAdapter
 
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.types import FloatArray
 
 
 class Failure(NamedTuple):
@@ -96,29 +97,36 @@ class ScoreFiles:
         ]
         return records, [path for path in paths if self._opened[path] is None]
 
-    def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> Scores:
-        """Return all scores of these clips; raise BadData for a score that is stored twice."""
+    def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> dict[str, Scores]:
+        """Return all scores of these clips by method; raise BadData if one is stored twice."""
         if not records:
-            return Scores(clips, {})
-        rows = self._rows(records, clips)
-        query = f"SELECT metric, max(sample) + 1, max(step) FROM {rows} GROUP BY 1 ORDER BY 1"
-        extents = self._database.execute(query).fetchall()
-        if not extents:
-            return Scores(clips, {})
-        metrics, samples, steps = zip(*extents, strict=True)
-        shape = (len(metrics), len(clips), max(samples), max(steps))
-        query = (
-            "SELECT (((list_position($metrics, metric) - 1) * $clips + number) * $samples + sample)"
-            f" * $steps + step - 1 AS place, coalesce(value, 'nan') AS value FROM {rows}"
+            return {}
+        rows, database = self._rows(records, clips), self._database
+        database.execute(  # all scores in one array: where those of a method and metric start
+            "CREATE OR REPLACE TABLE extents AS WITH sizes AS ("
+            "SELECT method, metric, max(max(sample) + 1) OVER (PARTITION BY method) AS samples, "
+            f"max(max(step)) OVER (PARTITION BY method) AS steps FROM {rows} GROUP BY 1, 2) "
+            "SELECT *, (sum(samples * steps) OVER (ORDER BY method, metric) - samples * steps)"
+            "::BIGINT * $clips AS start FROM sizes",
+            {"clips": len(clips)},
         )
-        sizes: dict[str, Any] = dict(zip(("clips", "samples", "steps"), shape[1:], strict=True))
-        columns = self._database.execute(query, {"metrics": metrics, **sizes}).fetchnumpy()
-        is_stored, values = np.zeros(shape, bool), np.full(shape, np.nan)
-        is_stored.ravel()[columns["place"]] = True
+        columns = database.execute(
+            "SELECT start + (number * samples + sample) * steps + step - 1 AS place, "
+            f"coalesce(value, 'nan') AS value FROM {rows} JOIN extents USING (method, metric)"
+        ).fetchnumpy()
+        extents = database.execute("FROM extents ORDER BY start").fetchall()
+        size = sum(len(clips) * samples * steps for _, _, samples, steps, _ in extents)
+        is_stored, values = np.zeros(size, bool), np.full(size, np.nan)
+        is_stored[columns["place"]] = True
         if np.count_nonzero(is_stored) < len(columns["place"]):
-            raise BadData(f"{records[0].path.parent} has two scores of one frame: run again")
-        values.ravel()[columns["place"]] = columns["value"]
-        return Scores(clips, dict(zip(metrics, values, strict=True)))
+            raise BadData(f"{self.root} has two scores of one frame: run again")
+        values[columns["place"]] = columns["value"]
+        by_method: dict[str, dict[str, FloatArray]] = {}
+        for method, metric, samples, steps, start in extents:
+            of_metric = values[start : start + len(clips) * samples * steps]
+            shaped = of_metric.reshape(len(clips), samples, steps)
+            by_method.setdefault(method, {})[metric] = shaped
+        return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
     def facts(self, records: Iterable[ScoreRecord]) -> dict[str, dict[str, float]]:
         """Return the facts of all clips in the files of some records; see Scores."""
@@ -185,26 +193,24 @@ class ScoreFiles:
         return self._database.execute(f"{query} WHERE key = 'geovp'").fetchall()
 
     def _rows(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> str:
-        """Return the relation of the rows of some clips of a method, with their `number`."""
+        """Return the relation of the rows of some clips, with their `number`."""
         numbers = {clip: number for number, clip in enumerate(clips)}
         names = [clip for record in records for clip in record.clips]
-        files = np.array([str(record.path) for record in records], object)
+        counts = [len(record.clips) for record in records]
         columns: dict[str, Any] = {
-            "filename": files.repeat([len(record.clips) for record in records]),
+            "filename": np.array([str(record.path) for record in records], object).repeat(counts),
+            "method": np.array([record.method for record in records], object).repeat(counts),
             "clip": np.array(names, object),
             "number": np.array([numbers[clip] for clip in names]),
         }
         self._database.register("entries", columns)
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
-            "clip::VARCHAR AS clip, number::INTEGER AS number FROM entries"
+            "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
+            "FROM entries"
         )
-        paths = {record.path for record in records}
-        keys = "filename, clip" if len(paths) > 1 else "clip"
-        return (
-            f"read_parquet({_listed(paths)}, filename = true) JOIN wanted USING ({keys}) "
-            f"WHERE method = '{_quoted(records[0].method)}'"
-        )
+        files = _listed({record.path for record in records})
+        return f"read_parquet({files}, filename = true) JOIN wanted USING (filename, method, clip)"
 
     def _copy(
         self, query: str, method: str, records: Iterable[ScoreRecord], facts: Mapping[str, Any]

@@ -133,16 +133,23 @@ class Results:
             sums["status"] = "partial"
         return method.model_copy(update=sums)
 
-    @_remembered
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
+        if damaged := self._read(method)[1]:
+            raise BadData(
+                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
+            )
+        clips = self.protocol()["clips"]
+        return self.select()._all_scores().get(method, Scores(clips, {}))
 
-        def read() -> Scores:
-            if damaged := self._read(method)[1]:
-                raise BadData(
-                    f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
-                )
-            return self._score_files.scores(self.score_records(method), self.protocol()["clips"])
+    @_remembered
+    def _all_scores(self) -> dict[str, Scores]:
+        """Return the scores of all methods, which one query reads."""
+
+        def read() -> dict[str, Scores]:
+            protocol = self.protocol()
+            records = [each for name in protocol["methods"] for each in self.score_records(name)]
+            return self._score_files.scores(records, protocol["clips"])
 
         return self._reread(read)
 
