@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from geovp_benchmarks.results.store import Results
@@ -95,6 +94,27 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
+    caption = caption or escape(f"{table.title}.")
+    first = rf"\caption{{{caption}}}\label{{{label or f'tab:{table.name}'}}}"
+    continued = rf"\addtocounter{{table}}{{-1}}\caption[]{{{caption} (Continued.)}}"
+    num_floats = max(1, -(-len(table.columns) // max_columns))
+    lines: list[str] = []
+    for places in np.array_split(np.arange(len(table.columns)), num_floats):
+        columns = [table.columns[place] for place in places]
+        head = continued if lines else first
+        lines += [r"\end{table}"] * bool(lines)
+        lines += [r"\begin{table}", r"\centering", head, *_tabular(table, columns)]
+    notes = [rf"{escape(note)}\par" for note in table.notes]
+    lines += [r"\par\medskip", r"\begin{minipage}{\linewidth}\scriptsize\raggedright", *notes]
+    return "\n".join([*lines, r"\end{minipage}", r"\end{table}", ""])
+
+
+def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
+    """Return the lines of some columns, no wider than a line of the text."""
+
+    def heading(column: Column) -> str:
+        lines = r"\\".join(map(escape, textwrap.wrap(column.heading, 14)))
+        return rf"\shortstack[r]{{{lines}}}"
 
     def cell(method: MethodScores, column: Column) -> str:
         mean, error = table.texts(method, column, r"\textbf{{{}}}")
@@ -102,26 +122,20 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
             return mean + escape(error)
         return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{mean}\\\scriptsize{error}\end{{tabular}}"
 
-    templates = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        block_start_string="<%",
-        block_end_string="%>",
-        variable_start_string="<<",
-        variable_end_string=">>",
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    templates.filters["escape"] = escape
-    templates.filters["lines"] = lambda text: [escape(line) for line in textwrap.wrap(text, 14)]
-    num_floats = max(1, -(-len(table.columns) // max_columns))
-    places = np.array_split(np.arange(len(table.columns)), num_floats)
-    return templates.get_template("table.tex").render(
-        table=table,
-        caption=caption or escape(f"{table.title}."),
-        label=label or f"tab:{table.name}",
-        floats=[[table.columns[place] for place in group] for group in places],
-        cell=cell,
-    )
+    rows = [["method", "clips", *map(heading, columns)]]
+    for method in table.methods:
+        marks = rf"$^{{\mathrm{{{method.marks}}}}}$" if method.marks else ""
+        name = "{}" + escape(method.label) + marks
+        rows.append([name, table.clips(method), *(cell(method, column) for column in columns)])
+    head, *body = (rf"{' & '.join(row)} \\" for row in rows)
+    return [
+        r"\small\setlength{\tabcolsep}{4pt}",
+        r"\sbox0{%",
+        rf"\begin{{tabular}}{{@{{}}lr{'r' * len(columns)}@{{}}}}",
+        *(r"\toprule", head, r"\midrule", *body, r"\bottomrule"),
+        r"\end{tabular}}%",
+        r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi",
+    ]
 
 
 def escape(text: str) -> str:
