@@ -15,6 +15,7 @@ shows how often such intervals hold the truth.
 
 import functools
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -107,10 +108,8 @@ class Groups:
         padded[np.arange(len(off)) + gaps] = off
         sums = np.fft.irfft(np.abs(np.fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
         lags = np.arange(1, max_lag + 1)
-        lengths, counts = np.unique(self.lengths, return_counts=True)
-        num_pairs = sum(
-            num * np.maximum(length - lags, 0) for length, num in zip(lengths, counts, strict=True)
-        )
+        counts = Counter(self.lengths.tolist())
+        num_pairs = sum(num * np.maximum(length - lags, 0) for length, num in counts.items())
         return np.asarray(sums / num_pairs)
 
 
@@ -156,7 +155,8 @@ class BlockBootstrap:
         else:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
-            off = np.sort(draws @ values / count - mean)
+            means = np.einsum("rn,n->r", draws, values) / count  # without threads, unlike @
+            off = np.sort(means - mean)
         if values.std() <= 1e-12 * abs(mean):
             return Interval(mean, mean, mean, count / tau, float(mean == 0))
         off *= error / off.std()
@@ -202,7 +202,7 @@ class BlockBootstrap:
         powers = float((off[num_long:] ** 2).sum())
         expected, num = float(groups.num_short - 1), groups.num_short - 1
         num_slow = max(self.min_slow, self.slow_fraction * count / tau)
-        for length in np.unique(long_lengths).tolist():  # sequences of one length at a time
+        for length in sorted(set(long_lengths.tolist())):  # sequences of one length at a time
             is_of_length = np.repeat(long_lengths == length, long_lengths)
             sequences = off[:num_long][is_of_length].reshape(-1, length)
             slow = min(round(num_slow * length / count), length - 1)
