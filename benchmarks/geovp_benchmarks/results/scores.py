@@ -21,6 +21,10 @@ class Scores:
     # numbers of each clip, independent of predictions; empty in scores that were read
     facts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
+    def means(self, num_steps: int | None = None) -> dict[str, FloatArray]:
+        """Return means over all or the first steps [N, S] by metric."""
+        return {name: nanmean(each[..., :num_steps], axis=2) for name, each in self.values.items()}
+
     def rows(self) -> Iterator[Row]:
         """Yield all values by clip, metric, sample and step."""
         for number, clip in enumerate(self.clips):

@@ -31,13 +31,13 @@ import duckdb
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.records import Method
 from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest
-from geovp_benchmarks.results.scores import Scores, nanmean
+from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, FloatArray, Prediction
 
-__all__ = ["Method", "Results", "ScoreRecord", "Scores"]
+__all__ = ["Contents", "Method", "Results", "ScoreRecord", "Scores"]
 
 T = TypeVar("T")
 
@@ -54,6 +54,17 @@ def _remembered(read: Callable[..., T]) -> Callable[..., T]:
         return value
 
     return reader
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The protocol, methods and scores of a data set, read once for all tables."""
+
+    protocol: Mapping[str, Any]
+    methods: Sequence[Method]
+    scores: Mapping[str, Scores]  # by the name of a method
+    failures: Mapping[str, Mapping[str, str]]  # the reasons, by the name of a method and clip
+    is_selected: bool = False  # the methods were named
 
 
 @dataclass(frozen=True)
@@ -146,17 +157,16 @@ class Results:
     def _all_scores(self) -> dict[str, Scores]:
         """Return the scores of all methods, which one query reads."""
 
-        def read() -> dict[str, Scores]:
+        def all_scores() -> dict[str, Scores]:
             protocol = self.protocol()
             records = [each for name in protocol["methods"] for each in self.score_records(name)]
             return self._score_files.scores(records, protocol["clips"])
 
-        return self._reread(read)
+        return self._reread(all_scores)
 
-    def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
-        """Return means over all or the first steps [N, S] by metric, in the protocol's order."""
-        values = self.scores(method).values
-        return {name: nanmean(each[..., :num_steps], axis=2) for name, each in values.items()}
+    def means(self, method: str) -> dict[str, FloatArray]:
+        """Return means over all steps [N, S] by metric, in the protocol's order."""
+        return self.scores(method).means()
 
     def failures(self, method: str) -> dict[str, str]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
@@ -172,6 +182,17 @@ class Results:
         scored = [each for name in protocol["methods"] for each in self.score_records(name)]
         facts = self._reread(lambda: self._score_files.facts(scored))
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
+
+    def contents(self) -> Contents:
+        """Return all that tables show of the selected methods."""
+        methods = self.methods()
+        return Contents(
+            self.protocol(),
+            methods,
+            {method.name: self.scores(method.name) for method in methods},
+            {method.name: self.failures(method.name) for method in methods},
+            bool(self.selected),
+        )
 
     def predictions(self, method: str, fingerprint: str = "") -> list[str]:
         """Return the names of the clips whose predictions by a method are kept."""

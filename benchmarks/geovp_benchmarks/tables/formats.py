@@ -37,8 +37,8 @@ ESCAPED = str.maketrans(
 def write_all(results: Results, tables: Sequence[Table]) -> None:
     """Write tables in all formats into a results folder."""
     for table in tables:
-        for ending, render in FORMATS.items():
-            write_bytes(results.tables / f"{table.name}.{ending}", render(table).encode())
+        for ending, text_of in FORMATS.items():
+            write_bytes(results.tables / f"{table.name}.{ending}", text_of(table).encode())
 
 
 def markdown(table: Table, width: int | None = None) -> str:
