@@ -47,7 +47,7 @@ def test_it_is_stored_per_step_and_shown_nowhere_as_a_score(results: Results) ->
 
 
 def test_where_both_fall_with_the_step_the_ranking_is_perfect(results: Results) -> None:
-    found = {one.label: one for one in confidence.rankings(results, METRIC)}
+    found = {one.label: one for one in confidence.rankings(results.contents(), METRIC)}
     assert list(found) == ["a + r", "a + q", "b + r", "b + q"]
     one = found["a + r"]
     assert (one.num_clips, one.by_confidence, one.by_step) == (
@@ -69,7 +69,7 @@ def test_among_clips_it_is_apart_from_the_step(results: Results) -> None:
         return {**row, "value": changed.get(row["metric"], row["value"])}
 
     rewrite(results, "a--r", change)
-    one = confidence.rankings(results, METRIC)[0]
+    one = confidence.rankings(results.contents(), METRIC)[0]
     assert (one.by_confidence, one.among_clips) == (pytest.approx(-0.8), pytest.approx(-0.8))
     assert one.by_step == pytest.approx(0)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_benchmarks.results.score_names import CONFIDENCE
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.store import Contents
 from geovp_classic.types import FloatArray
 
 
@@ -26,12 +26,12 @@ class Ranking:
         return (self.label, str(self.num_clips), *texts)
 
 
-def rankings(results: Results, metric: str) -> list[Ranking]:
+def rankings(contents: Contents, metric: str) -> list[Ranking]:
     """Return a ranking by a metric that has a direction for each method that has confidences."""
-    sign = 1.0 if results.protocol()["metrics"][metric]["higher_is_better"] else -1.0
+    sign = 1.0 if contents.protocol["metrics"][metric]["higher_is_better"] else -1.0
     found = []
-    for method in results.methods():
-        stored, failed = results.scores(method.name), results.failures(method.name)
+    for method in contents.methods:
+        stored, failed = contents.scores[method.name], contents.failures[method.name]
         if not {CONFIDENCE, metric} <= stored.values.keys():
             continue
         confidence, score = stored.values[CONFIDENCE], sign * stored.values[metric]  # [N, S, F]

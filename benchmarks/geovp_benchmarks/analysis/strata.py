@@ -12,7 +12,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import COVERAGE
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.store import Contents, Results
 from geovp_classic.errors import BadData, nearest
 
 DIVISIONS: Mapping[
@@ -31,7 +31,12 @@ def divide(results: Results, by: str) -> list[Results]:
     if by not in DIVISIONS:
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, DIVISIONS)}")
     fact, bounds = DIVISIONS[by]
-    facts, source = _facts(results, fact)
+    contents = results.select().contents()
+    stored = results.clip_facts()
+    facts = {clip: numbers[fact] for clip, numbers in stored.items() if fact in numbers}
+    source = ""
+    if not facts and fact == "seen":
+        facts, source = _covered(contents)
     if not facts:
         raise BadData(
             f"{results.root} has no {fact} of any clip: the data set has no true poses or depths, "
@@ -41,7 +46,7 @@ def divide(results: Results, by: str) -> list[Results]:
     inner = [f"{low:.3g} to {high:.3g}" for low, high in itertools.pairwise(bounds)]
     labels = [f"below {bounds[0]:.3g}", *inner, f"{bounds[-1]:.3g} or more", "unknown"]
     clips: dict[str, list[str]] = {label: [] for label in labels}
-    for clip in results.protocol()["clips"]:
+    for clip in contents.protocol["clips"]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
@@ -51,16 +56,12 @@ def divide(results: Results, by: str) -> list[Results]:
     ]
 
 
-def _facts(results: Results, fact: str) -> tuple[dict[str, float], str]:
-    """Return an attribute by clip, and the method that `seen` is taken from, in words."""
-    stored = results.clip_facts()
-    facts = {clip: numbers[fact] for clip, numbers in stored.items() if fact in numbers}
-    if facts or fact != "seen":
-        return facts, ""
-    for method in results.select().methods():
+def _covered(contents: Contents) -> tuple[dict[str, float], str]:
+    """Return the fraction of pixels that a method covers by clip, and its name in words."""
+    for method in contents.methods:
         if method.kind == "geometric" and method.status == "done":
-            samples = results.means(method.name)[COVERAGE]
+            samples = contents.scores[method.name].means()[COVERAGE]
             covered = statistics.over_steps(samples).tolist()  # over samples
-            facts = dict(zip(results.protocol()["clips"], covered, strict=True))
+            facts = dict(zip(contents.protocol["clips"], covered, strict=True))
             return facts, f", as {method.label} covers it"
     return {}, ""

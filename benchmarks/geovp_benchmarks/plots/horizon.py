@@ -15,7 +15,7 @@ from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.store import Method
-from geovp_benchmarks.tables.scores import facts_of
+from geovp_benchmarks.results.stored_facts import facts_of
 from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.types import FloatArray
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from geovp_benchmarks.plots.material import uses_ground_truth
 from geovp_benchmarks.results.score_names import UNBOUNDED
-from geovp_benchmarks.results.stored_facts import MARKS, title
-from geovp_benchmarks.tables.scores import facts_of
+from geovp_benchmarks.results.stored_facts import MARKS, facts_of, title
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
 
 

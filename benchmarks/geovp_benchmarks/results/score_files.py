@@ -84,7 +84,7 @@ class ScoreFiles:
     def _database(self) -> duckdb.DuckDBPyConnection:
         return duckdb.connect()
 
-    def read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
+    def records(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
         """Return all records of a method, and the damaged files."""
         folders = (self.root / method / "scores", self.root / "scores")
         paths = [path for folder in folders for path in sorted(folder.glob("part-*.parquet"))]
@@ -163,7 +163,7 @@ class ScoreFiles:
         folder = self.root / method / "scores"  # a file that methods share stays
         records = [
             record
-            for record in self.read(method)[0]
+            for record in self.records(method)[0]
             if record.fingerprint == fingerprint and record.path.parent == folder
         ]
         paths = {record.path for record in records}

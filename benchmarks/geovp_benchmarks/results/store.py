@@ -231,7 +231,7 @@ class Results:
 
     def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
         """Return all records of a method, and its damaged score files."""
-        return self._reread(lambda: self._score_files.read(method))
+        return self._reread(lambda: self._score_files.records(method))
 
     @property
     def _score_files(self) -> ScoreFiles:

@@ -33,6 +33,12 @@ def title(metric: str) -> str:
     return f"{words}, {pixels} pixels" if pixels else words
 
 
+def facts_of(key: str, protocol: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what the protocol says about the metric of a column."""
+    facts: Mapping[str, Any] = protocol["metrics"].get(key.split("@")[0].split(" ")[0], {})
+    return facts
+
+
 def labelled(words: str, about: Mapping[str, Any]) -> str:
     """Return words on a metric with its unit, and an arrow to its better values."""
     unit = f" ({about['unit']})" if about.get("unit") else ""

@@ -33,7 +33,7 @@ def method_scores(
     for suffix, reduce in _reductions(means, protocol).items():
         scores = {}
         for name, (key, values) in columns.items():
-            facts = facts_of(key, protocol)
+            facts = stored_facts.facts_of(key, protocol)
             direction, bounds = facts.get("higher_is_better"), stored_facts.bounds(facts)
             reduced = {name: reduce(values[..., None], direction)[:, 0]}
             if reduce is statistics.best_of_samples and name == key and direction is not None:
@@ -52,12 +52,6 @@ def method_scores(
             )
         )
     return lines
-
-
-def facts_of(key: str, protocol: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what the protocol says about the metric of a column."""
-    facts: Mapping[str, Any] = protocol["metrics"].get(key.split("@")[0].split(" ")[0], {})
-    return facts
 
 
 def _expected_best(means: FloatArray, key: str, direction: bool) -> dict[str, FloatArray]:

@@ -9,8 +9,8 @@ import numpy as np
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Contents, Results
-from geovp_benchmarks.results.stored_facts import labelled, legend, summary, title
-from geovp_benchmarks.tables.scores import facts_of, method_scores
+from geovp_benchmarks.results.stored_facts import facts_of, labelled, legend, summary, title
+from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
