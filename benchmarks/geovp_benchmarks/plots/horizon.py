@@ -69,7 +69,7 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
-    scores = [material.results.scores(method.name).values for method in material.methods]
+    scores = [material.scores[method.name].values for method in material.methods]
     return sorted(
         {name for values in scores for name in values},
         key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name),

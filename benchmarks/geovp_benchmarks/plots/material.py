@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots.style import Options
-from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.results.store import Method, Results, Scores
 from geovp_benchmarks.results.stored_facts import marks
 from geovp_classic.types import FloatArray, Prediction
 
@@ -21,22 +21,27 @@ class Material:
     results: Results
     protocol: Mapping[str, Any]
     methods: Sequence[Method]  # that have scores
+    scores: Mapping[str, Scores]  # by the name of a method
     reference: Method | None  # that the others are compared with
 
     @classmethod
     def read(cls, results: Results, options: Options) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
-        methods, reference = [each for each in results.methods() if each.num_clips], None
+        contents = results.contents()
+        methods, reference = [each for each in contents.methods if each.num_clips], None
+        scores = contents.scores
         if options.against:
-            (reference,) = results.select(options.against).methods()
+            other = results.select(options.against).contents()
+            (reference,) = other.methods
             if reference not in methods:
                 methods.append(reference)
-        return cls(results, results.protocol(), methods, reference)
+            scores = {**scores, **other.scores}
+        return cls(results, contents.protocol, methods, scores, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
         empty = np.full((len(self.protocol["clips"]), 1, self.protocol["num_future"]), np.nan)
-        return self.results.scores(method.name).values.get(metric, empty)
+        return self.scores[method.name].values.get(metric, empty)
 
     def shown(self, max_methods: int) -> list[Method]:
         """Return the methods of a figure: copy-last, the best without ground truth, best others.

@@ -1,6 +1,6 @@
 """Tables of a results folder: means, intervals, privileged inputs, and notes that explain them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -111,9 +111,9 @@ def _main_table(contents: Contents, metrics: Sequence[str], strict: bool) -> Tab
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
 
 
-def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> Iterator[Table]:
-    """Yield tables over sets of pixels, and of the best of k samples, for each metric."""
-    keys = _keys(main.methods)
+def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
+    """Return tables over sets of pixels, and of the best of k samples, for each metric."""
+    keys, tables = _keys(main.methods), []
     for name in (column.key for column in main.columns):
         pixels = {
             key: f"{key.partition('@')[2]} pixels" for key in keys if key.startswith(f"{name}@")
@@ -123,12 +123,13 @@ def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> Iterator[Table]:
             if COVERAGE in keys:
                 headings[COVERAGE] = title(COVERAGE)
             heading = f"{title(name)} over sets of pixels"
-            yield table_of(f"pixels-{name}", heading, headings, main.methods, protocol)
+            tables.append((f"pixels-{name}", heading, headings, main.methods))
         samples = {key: key.replace(name, "best") for key in keys if key.startswith(f"{name} of ")}
         if samples:
             heading = f"{title(name)} of the best of k samples, on average over all sets of k"
             methods = [method for method in main.methods if f"{name} of 1" in method.scores]
-            yield table_of(f"samples-{name}", heading, samples, methods, protocol)
+            tables.append((f"samples-{name}", heading, samples, methods))
+    return [table_of(*parts, protocol) for parts in tables]
 
 
 def _keys(methods: Sequence[MethodScores]) -> list[str]:
