@@ -151,7 +151,7 @@ class BlockBootstrap:
         # few slow cosines can be small by chance
         error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
         if count > self.max_resampled:
-            off = _normal_quantiles((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
+            off = _normal_deviations(self.num_resamples)
         else:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
@@ -159,7 +159,7 @@ class BlockBootstrap:
             off = np.sort(means - mean)
         if values.std() <= 1e-12 * abs(mean):
             return Interval(mean, mean, mean, count / tau, float(mean == 0))
-        off *= error / off.std()
+        off = off * (error / off.std())
         low, high = np.clip(mean + _ends(off, degrees, (1 - self.level,))[:, 0], *bounds)
         p_zero = self._p_zero(mean, off, degrees)
         return Interval(mean, float(low), float(high), count / tau, p_zero)
@@ -252,6 +252,12 @@ def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatAr
     """Return upper quantiles [K], and the ratios of Student's t to the normal distribution."""
     tails = 1 - np.array(misses) / 2
     return tails, student_t_quantiles(degrees, tails) / _normal_quantiles(tails)
+
+
+@functools.lru_cache(maxsize=1)
+def _normal_deviations(num_resamples: int) -> FloatArray:
+    """Return the sorted deviations of resamples whose mean is normally distributed."""
+    return _normal_quantiles((np.arange(num_resamples) + 0.5) / num_resamples)
 
 
 def _normal_quantiles(probabilities: FloatArray) -> FloatArray:

@@ -209,8 +209,9 @@ class ScoreFiles:
             "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
             "FROM entries"
         )
-        files = _listed({record.path for record in records})
-        return f"read_parquet({files}, filename = true) JOIN wanted USING (filename, method, clip)"
+        paths = {record.path for record in records}
+        keys = "filename, method, clip" if len(paths) > 1 else "method, clip"
+        return f"read_parquet({_listed(paths)}, filename = true) JOIN wanted USING ({keys})"
 
     def _copy(
         self, query: str, method: str, records: Iterable[ScoreRecord], facts: Mapping[str, Any]

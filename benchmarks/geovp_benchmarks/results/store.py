@@ -155,12 +155,19 @@ class Results:
 
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
-        """Return the scores of all methods, which one query reads."""
+        """Return the scores of all methods; one query reads methods that share their files."""
 
         def all_scores() -> dict[str, Scores]:
-            protocol = self.protocol()
-            records = [each for name in protocol["methods"] for each in self.score_records(name)]
-            return self._score_files.scores(records, protocol["clips"])
+            groups: dict[frozenset[Path], list[ScoreRecord]] = {}
+            for name in self.protocol()["methods"]:
+                records = self.score_records(name)
+                paths = frozenset(record.path for record in records)
+                groups.setdefault(paths, []).extend(records)
+            clips = self.protocol()["clips"]
+            scores: dict[str, Scores] = {}
+            for records in groups.values():
+                scores |= self._score_files.scores(records, clips)
+            return scores
 
         return self._reread(all_scores)
 
