@@ -74,13 +74,14 @@ def conclude(
     results: Results, methods: Sequence[Method], progress: Progress | None = None
 ) -> LinesAndCode:
     """Write tables, and with a progress the report; yield the main table and return the code."""
-    from geovp_benchmarks import plots, report
     from geovp_benchmarks.tables import formats, tables
 
     built = tables.build(results)
     formats.write_all(results, built)
     lines = [formats.markdown(built[0], terminal_width()), f"tables: {results.tables}"]
     if progress is not None and any(method.num_clips for method in methods):
+        from geovp_benchmarks import plots, report  # Matplotlib takes long to import
+
         report.write(results, plots.Options(), progress)  # also if nobody reads the lines
         lines += [f"plots:  {results.plots}", f"report: {results.report}"]
     yield from lines
