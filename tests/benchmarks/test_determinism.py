@@ -54,9 +54,10 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
     ("threads", "executor", "environment"),
     [
         (2, Serial(), {}),
-        (1, Processes(2), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
+        (1, Processes(2), {}),
+        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
     ],
-    ids=["threads", "workers on other processors"],
+    ids=["threads", "workers", "processors"],
 )
 def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
     serial: Results,
