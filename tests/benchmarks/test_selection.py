@@ -118,7 +118,6 @@ def run(file: Path, keep: str, *more: str) -> list[object]:
     return ["run", file, "--out", file.parent / "out", "--keep", keep, *more]
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: Says) -> None:
     printed(*run(file, "worst:psnr"))
     results = Results(file.parent / "out")

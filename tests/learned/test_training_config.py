@@ -3,6 +3,7 @@ pycolmap.
 """
 
 import dataclasses
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -188,7 +189,9 @@ def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path)
     assert len(table["split_hash"]) == 64
 
 
-PROGRAM = """
+def test_training_needs_neither_open3d_nor_pycolmap(tmp_path: Path, kitti: Path) -> None:
+    command = command_of(tmp_path, kitti)
+    code = f"""
 import sys
 class Absent:
     def find_spec(self, name, path=None, target=None):
@@ -196,13 +199,15 @@ class Absent:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Absent())
 from geovp_learned.__main__ import main
-sys.exit(main(sys.argv[1:]))
+sys.exit(main({command!r}))
 """
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
-def test_two_processes_learn_as_one_and_need_neither_open3d_nor_pycolmap(
-    tmp_path: Path, kitti: Path
-) -> None:
+def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
     """Distributed data parallel on the CPU: one log and one state, from batches of two in each of
     two processes.
     """
@@ -210,10 +215,11 @@ def test_two_processes_learn_as_one_and_need_neither_open3d_nor_pycolmap(
         'accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"'
     )
     command = command_of(tmp_path, kitti, both)
-    program = tmp_path / "program.py"  # the second process is started by its name
-    program.write_text(PROGRAM)
     done = subprocess.run(
-        [sys.executable, str(program), *command], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "geovp_learned", *command],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("finished after 4 steps") == 1
