@@ -22,7 +22,10 @@ Parameters = ParamSpec("Parameters")
 def parallel_map(
     work: Callable[[Task], Result], tasks: Iterable[Task]
 ) -> list[Result]:
-    """Return the results in the order of the tasks; nested calls work in the calling thread."""
+    """Return the results in the order of the tasks, from as many threads as NUMBA_NUM_THREADS says.
+
+    Nested calls work in the calling thread.
+    """
     todo = list(tasks)
     is_nested = threading.current_thread().name.startswith("geovp")
     if is_nested or len(todo) < 2:

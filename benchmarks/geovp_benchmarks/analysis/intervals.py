@@ -14,14 +14,13 @@ shows how often such intervals hold the truth.
 """
 
 import functools
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
@@ -151,7 +150,7 @@ class BlockBootstrap:
         # few slow cosines can be small by chance
         error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
         if count > self.max_resampled:
-            off = _normal_deviations(self.num_resamples)
+            off = special.ndtri((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
         else:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
@@ -251,35 +250,4 @@ def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArra
 def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Return upper quantiles [K], and the ratios of Student's t to the normal distribution."""
     tails = 1 - np.array(misses) / 2
-    return tails, student_t_quantiles(degrees, tails) / _normal_quantiles(tails)
-
-
-@functools.lru_cache(maxsize=1)
-def _normal_deviations(num_resamples: int) -> FloatArray:
-    """Return the sorted deviations of resamples whose mean is normally distributed."""
-    return _normal_quantiles((np.arange(num_resamples) + 0.5) / num_resamples)
-
-
-def _normal_quantiles(probabilities: FloatArray) -> FloatArray:
-    return np.array([NormalDist().inv_cdf(each) for each in probabilities.tolist()])
-
-
-def student_t_quantiles(degrees: int, probabilities: FloatArray) -> FloatArray:
-    """Return quantiles [K] of Student's t, for probabilities [K] of at least one half.
-
-    With t = sqrt(degrees) tan(angle) the density is a power of the cosine. Newton's method from the
-    smaller normal quantile: the integral is concave, so that no step passes the solution.
-    `scipy.special` has these quantiles, but its import takes as long as a small table.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(32)
-    log_scale = math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)
-    scale = math.exp(log_scale) / math.sqrt(math.pi)
-    angles = np.arctan(_normal_quantiles(probabilities) / math.sqrt(degrees))
-    for _ in range(20):
-        inner = np.outer(angles, (1 + nodes) / 2)
-        integrals = scale * angles / 2 * (np.cos(inner) ** (degrees - 1) @ weights)
-        steps = (probabilities - 0.5 - integrals) / (scale * np.cos(angles) ** (degrees - 1))
-        angles += steps
-        if np.all(np.abs(steps) <= 1e-9 * angles):
-            break
-    return math.sqrt(degrees) * np.tan(angles)
+    return tails, special.stdtrit(degrees, tails) / special.ndtri(tails)
