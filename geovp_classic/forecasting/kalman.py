@@ -135,11 +135,11 @@ class TurnRateKalman(PlanarForecaster):
         )
         path = []
         for dt_s in np.diff(ahead_s, prepend=0.0):
-            noise = self.model.process_noise(states.mean(axis=0), dt_s)
-            disturbance = rng.multivariate_normal(
-                np.zeros(len(noise)), noise, num_samples
+            covariance = self.model.process_noise(states.mean(axis=0), dt_s)
+            noise = rng.multivariate_normal(
+                np.zeros(len(covariance)), covariance, num_samples
             )
-            states = self.model.transition(states, dt_s) + disturbance
+            states = self.model.transition(states, dt_s) + noise
             path.append(states[:, :3])
         return np.stack(path, axis=1)
 

@@ -106,13 +106,13 @@ class CornerTracker:
 
         The gain is a median over cells of the images, so that new objects do not change it.
         """
-        cells, cells_reference = (
+        means, reference_means = (
             cv2.resize(
                 image[::4, ::4], (16, 8), interpolation=cv2.INTER_AREA
             ).astype(np.float32)
             for image in (grey, reference)
         )
-        gain = float(np.median((cells_reference + 1) / (cells + 1)))
+        gain = float(np.median((reference_means + 1) / (means + 1)))
         if abs(gain - 1) < self.min_exposure_change:
             return grey
         return cv2.convertScaleAbs(grey, alpha=gain)

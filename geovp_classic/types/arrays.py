@@ -107,8 +107,8 @@ def rotation_defect(rotation: FloatArray) -> FloatArray:
 
 def take(value: Any, steps: slice | BoolArray) -> Any:
     """Return a copy of value[steps], or None; a slice of an array would lead to its other steps."""
-    part = None if value is None else value[steps]
-    return part.copy() if isinstance(part, np.ndarray) else part
+    selected = None if value is None else value[steps]
+    return selected.copy() if isinstance(selected, np.ndarray) else selected
 
 
 def _name(owner: object) -> str:

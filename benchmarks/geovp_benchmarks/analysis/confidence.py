@@ -29,7 +29,7 @@ class Ranking:
 def rankings(contents: Contents, metric: str) -> list[Ranking]:
     """Return a ranking by a metric that has a direction for each method that has confidences."""
     sign = 1.0 if contents.protocol["metrics"][metric]["higher_is_better"] else -1.0
-    found = []
+    ranked = []
     for method in contents.methods:
         stored, failed = contents.scores[method.name], contents.failures[method.name]
         if not {CONFIDENCE, metric} <= stored.values.keys():
@@ -38,8 +38,8 @@ def rankings(contents: Contents, metric: str) -> list[Ranking]:
         is_used = np.array([clip not in failed for clip in stored.clips])
         is_used &= (np.isfinite(confidence) & np.isfinite(score)).any(axis=(1, 2))
         if is_used.any():
-            found.append(_ranking(method.label, confidence[is_used], score[is_used]))
-    return found
+            ranked.append(_ranking(method.label, confidence[is_used], score[is_used]))
+    return ranked
 
 
 def _ranking(label: str, confidence: FloatArray, score: FloatArray) -> Ranking:
@@ -53,11 +53,11 @@ def _ranking(label: str, confidence: FloatArray, score: FloatArray) -> Ranking:
     return Ranking(label, count, by_confidence, by_step, among_clips)
 
 
-def spearman(one: FloatArray, other: FloatArray) -> float:
+def spearman(a: FloatArray, b: FloatArray) -> float:
     """Return Spearman's rank correlation of finite values; NaN if either is constant."""
-    both = np.isfinite(one) & np.isfinite(other)
-    if both.sum() < 2 or np.ptp(one[both]) == 0 or np.ptp(other[both]) == 0:
+    both = np.isfinite(a) & np.isfinite(b)
+    if both.sum() < 2 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
         return float("nan")
     from scipy import stats  # half a second that no other table needs
 
-    return float(stats.spearmanr(one[both], other[both]).statistic)
+    return float(stats.spearmanr(a[both], b[both]).statistic)

@@ -78,8 +78,8 @@ def expected_best(values: FloatArray, higher_is_better: bool) -> FloatArray:
     scores = nanmean(values, axis=2)
     curves = np.full(scores.shape, np.nan)
     for curve, row in zip(curves, scores, strict=True):
-        known = np.sort(row[~np.isnan(row)])
-        ordered = known if higher_is_better else known[::-1]
+        ascending = np.sort(row[~np.isnan(row)])
+        ordered = ascending if higher_is_better else ascending[::-1]
         curve[: len(ordered)] = _fractions(len(ordered)) @ ordered
     return curves
 

@@ -111,12 +111,12 @@ class Table:
         return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
 
 
-def selected_columns(names: Sequence[str], known: Iterable[str]) -> list[str]:
+def selected_columns(names: Sequence[str], columns: Iterable[str]) -> list[str]:
     """Return the names of columns; raise BadData for an unknown one."""
-    known = list(known)
+    columns = list(columns)
     for name in names:
-        if name not in known:
-            raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
+        if name not in columns:
+            raise BadData(f"--metrics: no column is called {name!r}{nearest(name, columns)}")
     return list(names)
 
 
