@@ -80,7 +80,10 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
                 request.getfixturevalue(f"write_{name}")(tmp_path, "00", clip)
         if name == "folder":
             settings["path"] = settings.pop("root") + "/sequences/00/image_2"
-        if name == "recorded":
+        if name == "recorded" and role == "odometries":
+            settings["path"] = str(tmp_path / "poses.txt")
+            pose_files.write_kitti(tmp_path / "poses.txt", clip.trajectory)
+        if name == "recorded" and role == "predictors":
             (tmp_path / clip.name).parent.mkdir()
             np.savez(tmp_path / f"{clip.name}.npz", frames=clip.frames[6:])
             settings["path"] = str(tmp_path)

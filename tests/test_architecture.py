@@ -20,7 +20,7 @@ CLASSIC_LAYERS = [
     {"interfaces", "observation"},
     {"odometry", "forecasting", "pose_refinement", "depth", "rendering"}
     | {"metrics", "data", "registry"},
-    {"pose_sources", "inpainters"},
+    {"pose_sources", "inpainters", "recorded"},
     {"renderers"},  # depth fusion has a default inpainter
     {"predictors"},
     {"api"},

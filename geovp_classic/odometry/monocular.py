@@ -79,7 +79,7 @@ class Monocular:
             steps = steps[is_measured]
 
         # Scale
-        estimator = self._fit_scale(
+        estimator = self.fit_scale(
             images, path, view.intrinsics, context.camera_height_m
         )
 
@@ -91,7 +91,7 @@ class Monocular:
             world_from_cam = se3.interpolate(poses, times_s[steps], times_s)
         tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
         tracked[steps] = path.tracked
-        return self._trajectory(
+        return self.trajectory(
             world_from_cam, times_s, estimator.uncertainty
         ), tracked
 
@@ -135,7 +135,7 @@ class Monocular:
         world_from_cam = np.stack(
             list(accumulate(steps, np.matmul, initial=np.eye(4)))
         )
-        return self._trajectory(
+        return self.trajectory(
             world_from_cam, times_s, estimator.uncertainty
         ), tracked
 
@@ -147,7 +147,7 @@ class Monocular:
         tracker.map.adjust(num_fixed=1)
         return Path(*tracker.poses())
 
-    def _fit_scale(
+    def fit_scale(
         self,
         images: list[Image],
         path: Path,
@@ -184,7 +184,7 @@ class Monocular:
         assert best is not None
         return best
 
-    def _trajectory(
+    def trajectory(
         self,
         world_from_cam: FloatArray,
         times_s: FloatArray,

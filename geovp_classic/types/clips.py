@@ -13,6 +13,7 @@ from geovp_classic.types.arrays import (
     BoolArray,
     ByteArray,
     FloatArray,
+    IntArray,
     ShortRepr,
     store_checked,
     store_rigid,
@@ -169,7 +170,10 @@ class Context(ShortRepr):
     future_frames: ByteArray | None = None
     # [F], PrivilegedInput.FUTURE_FRAMES with FULL_FRAMES
     future_full: ExtraView | None = None
-    name: str = ""  # of the clip, by which recorded predictions are found
+    # Of the clip, by which results of other software are found; see `frame_numbers`.
+    name: str = ""
+    # [P], indices of the observed frames in the clip; None: all from the first one
+    steps: IntArray | None = None
     observations: Observations | None = None  # [P], of the frames
     # [P], PrivilegedInput.FULL_FRAMES
     full_observations: Observations | None = None
@@ -179,6 +183,8 @@ class Context(ShortRepr):
             self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
         )
         store_times(self)
+        if self.steps is None:
+            object.__setattr__(self, "steps", np.arange(self.num_past))
         if self.num_future < 1:
             raise BadData(
                 f"context: {len(self.times_s)} times for {self.num_past} frames, expected more"
@@ -194,6 +200,20 @@ class Context(ShortRepr):
         """Return F, the number of frames to predict."""
         return len(self.times_s) - len(self.frames)
 
+    def frame_numbers(self) -> tuple[str, IntArray]:
+        """Return the clip's sequence and the numbers [P] of the observed frames in it.
+
+        Raises BadData if the clip's name is not of the form "03/000180".
+        """
+        sequence, _, first = self.name.rpartition("/")
+        if not sequence or not first.isdecimal():
+            raise BadData(
+                f"the clip is called {self.name!r}, expected SEQUENCE/NUMBER: results of other "
+                "software are found by the sequence and the numbers of its frames"
+            )
+        assert self.steps is not None
+        return sequence, int(first) + self.steps
+
     def recent(self, num_frames: int) -> Context:
         """Return the context with only the last `num_frames` observed frames, or all if fewer."""
         return self.observed(
@@ -206,7 +226,7 @@ class Context(ShortRepr):
             return self
         future = np.ones(self.num_future, dtype=bool)
         arrays = {"times_s": self.times_s[np.append(mask, future)]}
-        fields = ("frames", "past", "past_depths", "full", "right")
+        fields = ("frames", "past", "past_depths", "full", "right", "steps")
         for field in (*fields, "observations", "full_observations"):
             arrays[field] = take(getattr(self, field), mask)
         return replace(self, **arrays)

@@ -24,7 +24,7 @@ def clip(num_frames: int = 10, step_m: float = 0.5, size_px: int = 128) -> Clip:
     full_frames, _ = render(start_from_cam, full_camera)
     right_frames, _ = render(start_from_cam @ cam_from_right, full_camera)
     return Clip(
-        name="contract/street",
+        name="street/000000",
         frames=frames,
         times_s=times_s,
         intrinsics=camera,

@@ -1,0 +1,1 @@
+"""Results of other software as components: trajectories and depth maps in files."""
