@@ -53,6 +53,7 @@ SETTINGS = {
     "refined": {"source": "ground-truth"},
     "geometric": {"pose_source": "ground-truth", "renderer": "ground-far-plane"},
     "commanded": {"speed_m_s": 5.0, "turn_deg_s": 3.0},
+    "hybrid": {"other": "given"},
     "dask": {"address": "tcp://127.0.0.1:8786"},
     "tum": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
     "folder": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
@@ -83,6 +84,10 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
         if name == "recorded" and role == "odometries":
             settings["path"] = str(tmp_path / "poses.txt")
             pose_files.write_kitti(tmp_path / "poses.txt", clip.trajectory)
+        if name == "recorded" and role == "depth_sources":
+            settings |= {"path": str(tmp_path), "frames": "crop"}
+            for step, depth in enumerate(clip.depths):
+                np.savez(tmp_path / f"{step:06d}.npz", depth)
         if name == "recorded" and role == "predictors":
             (tmp_path / clip.name).parent.mkdir()
             np.savez(tmp_path / f"{clip.name}.npz", frames=clip.frames[6:])
