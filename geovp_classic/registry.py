@@ -48,6 +48,8 @@ EXTRA_OF_MODULE = {
     "av": "video",
     "argcomplete": "completion",
     "onnx": "onnx",
+    "onnxruntime": "pretrained",
+    "transformers": "pretrained",
 }
 
 _defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar(

@@ -4,6 +4,7 @@ The writers compute all numbers of the files independently of the readers. If CI
 tests try the same examples each time; on a developer's machine they look for new ones.
 """
 
+import json
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -88,6 +89,13 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
             settings |= {"path": str(tmp_path), "frames": "crop"}
             for step, depth in enumerate(clip.depths):
                 np.savez(tmp_path / f"{step:06d}.npz", depth)
+        if name == "huggingface":
+            settings["model"] = str(_write_huggingface(tmp_path))
+        if name == "onnx":
+            inputs: dict[str, list[Any]] = {"image": [1, 3, 32, 32]}
+            if role == "inpainters":
+                inputs["mask"] = [1, 1, 32, 32]
+            settings["path"] = str(_write_onnx(tmp_path / "tiny.onnx", inputs))
         if name == "recorded" and role == "predictors":
             (tmp_path / clip.name).parent.mkdir()
             np.savez(tmp_path / f"{clip.name}.npz", frames=clip.frames[6:])
@@ -322,3 +330,75 @@ def write_colmap() -> Callable[..., Path]:
         return folder
 
     return write
+
+
+@pytest.fixture(scope="session")
+def write_onnx() -> Callable[..., Path]:
+    return _write_onnx
+
+
+def _write_onnx(path: Path, inputs: dict[str, list[Any]], mean_axis: int = 1) -> Path:
+    """Write a network of an "image", or of a "mask" and an "image" that are added up.
+
+    The output is the mean over the image's channels, or the image plus 0.2 in the mask.
+    """
+    onnx = pytest.importorskip("onnx", reason="needs the extra 'onnx'")
+    node = onnx.helper.make_node
+    nodes = [node("ReduceMean", ["image"], ["out"], axes=[mean_axis], keepdims=1)]
+    if "mask" in inputs:
+        nodes = [
+            node("Mul", ["mask", "level"], ["paint"]),
+            node("Add", ["image", "paint"], ["out"]),
+        ]
+    tensor = onnx.helper.make_tensor_value_info
+    graph = onnx.helper.make_graph(
+        nodes,
+        "tiny",
+        [tensor(name, onnx.TensorProto.FLOAT, shape) for name, shape in inputs.items()],
+        [tensor("out", onnx.TensorProto.FLOAT, None)],
+        [onnx.numpy_helper.from_array(np.float32(0.2), "level")],
+    )
+    opset = onnx.helper.make_opsetid("", 17)
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=10), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def write_huggingface() -> Callable[[Path], Path]:
+    return _write_huggingface
+
+
+def _write_huggingface(folder: Path) -> Path:
+    """Write Depth Anything with 2 layers of 16 channels, and the settings of its image processor."""
+    torch = pytest.importorskip("torch", reason="needs the extra 'pretrained'")
+    transformers = pytest.importorskip("transformers", reason="needs the extra 'pretrained'")
+    torch.manual_seed(0)
+    backbone = transformers.Dinov2Config(
+        hidden_size=16,
+        num_hidden_layers=2,
+        num_attention_heads=2,
+        mlp_ratio=1,
+        image_size=56,
+        patch_size=14,
+        out_features=["stage1", "stage2"],
+        apply_layernorm=True,
+        reshape_hidden_states=False,
+    )
+    config = transformers.DepthAnythingConfig(
+        backbone_config=backbone,
+        reassemble_hidden_size=16,
+        reassemble_factors=[2, 1],
+        neck_hidden_sizes=[8, 8],
+        fusion_hidden_size=8,
+        head_hidden_size=8,
+    )
+    transformers.DepthAnythingForDepthEstimation(config).save_pretrained(folder)
+    processor = {
+        "size": {"height": 56, "width": 56},
+        "keep_aspect_ratio": True,
+        "ensure_multiple_of": 14,
+        "image_mean": [0.485, 0.456, 0.406],
+        "image_std": [0.229, 0.224, 0.225],
+    }
+    (folder / "preprocessor_config.json").write_text(json.dumps(processor))
+    return folder

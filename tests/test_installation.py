@@ -44,7 +44,11 @@ print(sum(name.startswith("geovp_") for name in sys.modules))
 
 @pytest.mark.parametrize(
     ("module", "role", "name"),
-    [("open3d", "renderers", "volume-fusion"), ("torch", "frame_metrics", "lpips")],
+    [
+        ("open3d", "renderers", "volume-fusion"),
+        ("torch", "frame_metrics", "lpips"),
+        ("transformers", "depth_sources", "huggingface"),
+    ],
 )
 def test_a_missing_extra_is_named_with_its_command(module: str, role: str, name: str) -> None:
     code = f"from geovp_benchmarks import cli; sys.exit(cli.main(['check', {role!r}, {name!r}]))"

@@ -5,10 +5,12 @@ reliable pixels of a plane sweep, whose noise is about uniform in inverse depth.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from geovp_classic.depth.multiview import Multiview
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry.robust import irls
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import (
@@ -17,6 +19,42 @@ from geovp_classic.types import (
     PrivilegedInput,
     Trajectory,
 )
+
+DepthValues = Literal["depth", "inverse-depth", "disparity"]
+
+
+def inverse_of(
+    values: FloatArray, kind: DepthValues, unit: float = 1.0
+) -> FloatArray:
+    """Return inverse depth of the same shape, float32.
+
+    `unit` is that of a value: metres, or 1/m of inverse depth and disparities. Negative values and
+    a depth of 0 are unknown: NaN.
+    """
+    if kind == "depth":
+        is_known = values > 0
+        inverse_depth: FloatArray = 1 / (unit * np.where(is_known, values, 1))
+    else:
+        is_known = values >= 0
+        inverse_depth = unit * values
+    return np.where(is_known, inverse_depth, np.nan).astype(np.float32)
+
+
+def metric(
+    inverse_depths: FloatArray,  # [P, H, W] per metre; NaN = unknown
+    past: Trajectory,
+) -> tuple[FloatArray, FloatArray]:
+    """Return inverse depth and confidence [P, H, W]: 1 where it is known, else 0.
+
+    Raises Incompatible if the poses are not metric.
+    """
+    if not past.is_metric:
+        raise Incompatible(
+            "the depth maps are in metres, the poses are not: give the odometry a scale, or set "
+            "align = true"
+        )
+    is_known = np.isfinite(inverse_depths)
+    return np.where(is_known, inverse_depths, 0), is_known.astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -45,9 +83,7 @@ class DepthAlignment:
         The confidence is 1 where `relative` is known, and 0 in frames without enough reliable
         pixels of the reference, as of a stationary camera.
         """
-        reference, reliability = self.reference.inverse_depths(
-            context.only(self.needs), past
-        )
+        reference, reliability = self.reference.inverse_depths(context, past)
         inverse_depths = np.zeros(relative.shape, np.float32)
         confidence = np.zeros(relative.shape, np.float32)
         for step in range(len(relative)):

@@ -9,8 +9,13 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.frames import decode
-from geovp_classic.depth.alignment import DepthAlignment
-from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.depth.alignment import (
+    DepthAlignment,
+    DepthValues,
+    inverse_of,
+    metric,
+)
+from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.geometry import pinhole
 from geovp_classic.recorded import paths
 from geovp_classic.registry import install_command
@@ -34,7 +39,7 @@ class RecordedDepth:
     """
 
     path: Path
-    values: Literal["depth", "inverse-depth", "disparity"] = "depth"
+    values: DepthValues = "depth"
     # Depth in metres is the stored value times this; inverse depth per metre likewise. It is
     # 1 / (focal length x baseline) of disparities.
     unit: float = 1.0
@@ -66,11 +71,6 @@ class RecordedDepth:
         Frames without a file are unknown. Raises Incompatible if metric depth meets poses that are
         not metric, and BadData if the last frame has no file.
         """
-        if not (self.align or past.is_metric):
-            raise Incompatible(
-                "recorded depth is in metres, the poses are not: give the odometry a scale, or set "
-                "align = true"
-            )
         sequence, numbers = context.frame_numbers()
         folder = paths.of_sequence(self.path, sequence)
         maps = np.full(context.frames.shape[:3], np.nan, np.float32)
@@ -84,9 +84,8 @@ class RecordedDepth:
             if file is not None:
                 maps[step] = self._read(file, context.intrinsics)
         if self.align:
-            return self.alignment.align(maps, context, past)
-        is_known = np.isfinite(maps)
-        return np.where(is_known, maps, 0), is_known.astype(np.float32)
+            return self.alignment.align(maps, context.only(self.needs), past)
+        return metric(maps, past)
 
     def _read(self, file: Path, camera: Intrinsics) -> FloatArray:
         """Return the inverse depth [H, W] of one frame, NaN where it is unknown."""
@@ -104,13 +103,7 @@ class RecordedDepth:
             size_px,
             interpolation=cv2.INTER_NEAREST_EXACT,
         )
-        if self.values == "depth":
-            is_known = values > 0
-            inverse_depth = 1 / (self.unit * np.where(is_known, values, 1))
-        else:
-            is_known = values >= 0
-            inverse_depth = self.unit * values
-        return np.where(is_known, inverse_depth, np.nan).astype(np.float32)
+        return inverse_of(values, self.values, self.unit)
 
 
 def _find(folder: Path, number: int) -> Path | None:

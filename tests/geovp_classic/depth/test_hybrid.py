@@ -50,6 +50,20 @@ def test_the_plane_sweep_decides_where_it_is_confident() -> None:
     """Where the other source is unknown, in the last column, the plane sweep's guess remains."""
     sweep = Maps(0.2, (1.0, 0.5, 0.25, 0.0, 0.0))
     other = Maps(0.4, (1.0, 1.0, 1.0, 1.0, 0.0))
-    inverse_depths, confidence = Hybrid(other, sweep).inverse_depths(CONTEXT, PAST)
+    inverse_depths, confidence = Hybrid(other, sweep, 0.5, 0).inverse_depths(CONTEXT, PAST)
     np.testing.assert_allclose(inverse_depths[0, 0], [0.2, 0.2, 0.3, 0.4, 0.2], rtol=1e-6)
     assert confidence[0, 0].tolist() == [1, 1, 1, 1, 0]
+
+
+def test_the_other_source_is_corrected_near_the_plane_sweep() -> None:
+    """The plane sweep knows the left half: the other source is right beside it, and free far away.
+
+    At three standard deviations, a Gaussian has 0.00135 of its mass beyond the border.
+    """
+    sweep = Maps(0.2, (1.0,) * 64 + (0.0,) * 64)
+    other = Maps(0.4, (1.0,) * 128)
+    inverse_depths, _ = Hybrid(other, sweep).inverse_depths(CONTEXT, PAST)
+    row = inverse_depths[-1, 64]
+    np.testing.assert_allclose(row[:72], 0.2, atol=1e-6)
+    assert row[64 + 24] == pytest.approx(0.4 - 0.2 * 0.00135 / 0.05, abs=2e-3)
+    np.testing.assert_allclose(row[110:], 0.4, atol=1e-6)

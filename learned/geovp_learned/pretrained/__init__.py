@@ -1,0 +1,1 @@
+"""Networks that were trained elsewhere: ONNX files and Hugging Face models."""

@@ -1,0 +1,65 @@
+"""Hugging Face depth networks: tiny ones with random weights in local folders."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+
+transformers = pytest.importorskip("transformers", reason="needs the extra 'pretrained'")
+
+
+def test_a_local_network_predicts_as_transformers_does(
+    tmp_path: Path, write_huggingface: Callable[[Path], Path]
+) -> None:
+    """Frames of 84 x 56 pixels keep their size and aspect, so that only normalisation is left."""
+    folder = write_huggingface(tmp_path)
+    source = registry.build("depth_sources", {"name": "huggingface", "model": str(folder)})
+    frames = np.random.default_rng(0).integers(0, 256, (2, 56, 84, 3), np.uint8)
+    output = source.predict(frames)
+    network = transformers.AutoModelForDepthEstimation.from_pretrained(folder).eval()
+    mean, std = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])
+    images = torch.tensor((frames / 255 - mean) / std).float().permute(0, 3, 1, 2)
+    with torch.inference_mode():
+        expected = network(pixel_values=images).predicted_depth.numpy()
+    assert output.shape == (2, 56, 84)
+    np.testing.assert_allclose(output, expected, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"size": {"height": 518, "width": 518}}, (518, 518)),
+        # 518 / 375 changes less than 518 / 1242: 1242 x 375 becomes 1715.6 x 518, in steps of 14
+        (
+            {
+                "size": {"height": 518, "width": 518},
+                "keep_aspect_ratio": True,
+                "ensure_multiple_of": 14,
+            },
+            (1722, 518),
+        ),
+        ({"size": {"shortest_edge": 384}}, (1272, 384)),
+    ],
+)
+def test_the_input_size_is_that_of_the_image_processor(
+    settings: dict[str, object], expected: tuple[int, int]
+) -> None:
+    from geovp_learned.pretrained.huggingface import input_size
+
+    assert input_size(settings, 1242, 375) == expected
+
+
+def test_models_of_the_hub_need_a_pinned_revision(tmp_path: Path) -> None:
+    for revision in ("", "main"):
+        with pytest.raises(BadData, match="40 digits"):
+            registry.build(
+                "depth_sources",
+                {"name": "huggingface", "model": "depth-anything/X", "revision": revision},
+            )
+    with pytest.raises(BadData, match="safetensors"):
+        registry.build("depth_sources", {"name": "huggingface", "model": str(tmp_path)})
