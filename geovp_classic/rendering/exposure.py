@@ -281,23 +281,22 @@ class ExposedScene:
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F]."""
         views = self.scene.view(world_from_cam, times_s, intrinsics)
-        if self.is_whole:
+        since_s = times_s - self.last_s
+        metered, last = views.frames, self.last.frame
+        level = self.exposure.log_level
+        if not self.is_whole:
+            last = resampled(self.last, intrinsics)
+            level = _log(float(pinhole.grey8(last).mean()))
+        elif (since_s > 0).any():  # gains of the past were observed
             camera = self.last.camera
             meter = _shrunk(camera, self.control.meter_px / camera.height_px)
             metered = self.scene.view(world_from_cam, times_s, meter).frames
-            last = self.last.frame
-            level = self.exposure.log_level
-        else:
-            metered = views.frames
-            last = resampled(self.last, intrinsics)
-            level = _log(float(pinhole.grey8(last).mean()))
         histogram = _histogram(last)
 
         def expose(step: int) -> ByteArray:
-            since_s = float(times_s[step]) - self.last_s
             gain = self.control.log_gain(
                 self.exposure,
-                since_s,
+                float(since_s[step]),
                 _histogram(metered[step]),
                 histogram,
                 level,
