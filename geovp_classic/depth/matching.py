@@ -190,19 +190,15 @@ def _add_scores(
     h = source_from_reference
     last_u = np.float32(width) - half
     last_v = np.float32(height) - half
-    columns = np.empty(
-        (3, width + 2 * RADIUS_PX), np.float32
-    )  # sums over five rows
+    # Sums of each column over the five rows of the window, with a margin on either side.
+    columns = np.zeros((3, width + 2 * RADIUS_PX), np.float32)
     values, squares, products = columns
+    for i in range(-RADIUS_PX, RADIUS_PX):
+        _add_row(reference, warped, i, unit, columns)
     for row in range(height):
-        columns[:] = zero
-        for i in range(row - RADIUS_PX, row + RADIUS_PX + 1):
-            y = min(max(i, 0), height - 1)
-            for x in range(width):
-                value = warped[y, x]
-                columns[0, x + RADIUS_PX] += value
-                columns[1, x + RADIUS_PX] += value * value
-                columns[2, x + RADIUS_PX] += value * reference[y, x]
+        _add_row(reference, warped, row + RADIUS_PX, unit, columns)
+        if row > 0:
+            _add_row(reference, warped, row - RADIUS_PX - 1, -unit, columns)
         for k in range(3):
             columns[k, :RADIUS_PX] = columns[k, RADIUS_PX]
             columns[k, -RADIUS_PX:] = columns[k, -RADIUS_PX - 1]
@@ -228,6 +224,24 @@ def _add_scores(
                 max(unit - correlation, zero), unit
             )
             scores[1, row, x] += weight
+
+
+@numba.njit(nogil=True, inline="always")
+def _add_row(
+    reference: FloatArray,  # [H, W]
+    warped: FloatArray,  # [H, W]
+    row: int,  # the first or last one is repeated outside the image
+    sign: np.float32,
+    columns: FloatArray,  # [3, W + 4], of values, squares and products; added to
+) -> None:
+    """Add or subtract a row of the source image, its squares and its products."""
+    height, width = warped.shape
+    y = min(max(row, 0), height - 1)
+    for x in range(width):
+        value = warped[y, x]
+        columns[0, x + RADIUS_PX] += sign * value
+        columns[1, x + RADIUS_PX] += sign * value * value
+        columns[2, x + RADIUS_PX] += sign * value * reference[y, x]
 
 
 @numba.njit(nogil=True, inline="always")
