@@ -59,9 +59,10 @@ def averaged_model(network: nn.Module, num_steps: int) -> AveragedModel:
     """
 
     def average(means: Sequence[Tensor], values: Sequence[Tensor], count: Tensor | int) -> None:
+        share = 1 / min(int(count) + 1, num_steps)
         for mean, value in zip(means, values, strict=True):
             if mean.is_floating_point():
-                mean.lerp_(value, 1 / min(int(count) + 1, num_steps))
+                mean.lerp_(value, share)
             else:
                 mean.copy_(value)
 

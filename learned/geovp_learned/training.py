@@ -23,13 +23,14 @@ import numpy as np
 import torch
 from lightning.fabric import Fabric
 from torch import Tensor
+from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
 from geovp_learned import checkpoints, hardware, schedules, training_config, training_log
-from geovp_learned.methods import Batch, Losses
+from geovp_learned.methods import Batch, Losses, Method
 from geovp_learned.training_config import TrainingConfig
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
@@ -64,6 +65,24 @@ def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = No
     with _stop_on_signal() as signals:
         trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
     return trainer
+
+
+@dataclass(frozen=True)
+class Batches(torch.utils.data.Dataset[Batch]):
+    """The batches of one device, by step; augmented with random numbers of the step."""
+
+    method: Method
+    examples: Sequence[Any]
+    settings: training_config.Training
+    rank: int
+    world: int
+
+    def __getitem__(self, step: int) -> Batch:
+        """Return the batch of a step."""
+        seed, size = self.settings.seed, self.settings.batch_size
+        indices = schedules.batch_indices(step, len(self.examples), size, self.world, seed)
+        rng = np.random.default_rng([seed, step, self.rank])
+        return self.method.batch(self.examples, indices[self.rank], rng)
 
 
 class Trainer:
@@ -120,13 +139,14 @@ class Trainer:
                 "no clip is long enough for one example: give the data sets a larger num_frames"
             )
         progress, settings = self.progress, self.settings
+        batches = self.batches(examples)
         start_s = saved_s = time.monotonic()
         before_s = progress.seconds
         with tqdm(
             total=settings.num_steps, initial=progress.step, disable=not self.fabric.is_global_zero
         ) as bar:
             while not self.finished and not signals and time.monotonic() - start_s < limit_s:
-                self.train_step(examples, bar)
+                self.train_step(next(batches), bar)
                 progress.seconds = before_s + time.monotonic() - start_s
                 if (
                     progress.step % settings.validate_every == 0
@@ -146,19 +166,23 @@ class Trainer:
         progress, settings = self.progress, self.settings
         return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
 
-    def train_step(self, examples: Sequence[Any], bar: Any) -> None:
-        """Take a step on its batch; its losses are logged every LOG_EVERY steps."""
-        step, settings, rank, world = (
-            self.progress.step,
-            self.settings,
-            self.fabric.global_rank,
-            self.fabric.world_size,
+    def batches(self, examples: Sequence[Any]) -> Iterator[Batch]:
+        """Return the batches of the remaining steps, prepared ahead by worker processes if any."""
+        fabric = self.fabric
+        steps = Batches(self.method, examples, self.settings, fabric.global_rank, fabric.world_size)
+        loader = DataLoader(
+            steps,
+            batch_size=None,  # a step is a whole batch
+            sampler=range(self.progress.step, self.settings.num_steps),
+            num_workers=self.settings.num_workers,
+            worker_init_fn=_one_thread,
         )
-        rng = np.random.default_rng([settings.seed, step, rank])
-        indices = schedules.batch_indices(
-            step, len(examples), settings.batch_size, world, settings.seed
-        )
-        losses = self.optimise(self.method.batch(examples, indices[rank], rng), step)
+        return iter(loader)
+
+    def train_step(self, batch: Batch, bar: Any) -> None:
+        """Take a step on a batch; its losses are logged every LOG_EVERY steps."""
+        step = self.progress.step
+        losses = self.optimise(batch, step)
         self.progress.step = step + 1
         for name, average in self.averages.items():
             average.update_parameters(self.bare[name])
@@ -297,6 +321,10 @@ class Trainer:
             training_log.append(
                 self.folder / LOG, self.progress.step, self.progress.seconds, split, numbers
             )
+
+
+def _one_thread(_: int) -> None:
+    cv2.setNumThreads(1)  # in a forked worker, a pool of threads hangs
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:

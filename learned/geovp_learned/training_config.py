@@ -46,6 +46,7 @@ class Training:
     patience: int = 0  # validations without a better score before the run stops; 0 = unlimited
     save_every_s: float = 60.0
     num_threads: int = 0  # of torch on the CPU; 0 = torch's own choice
+    num_workers: int = 0  # processes that prepare batches ahead; 0 = the training process itself
     accelerator: str = "auto"  # from here on as in Lightning Fabric
     devices: int = 1
     num_nodes: int = 1

@@ -172,6 +172,13 @@ def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     }  # the critic only served training
 
 
+def test_worker_processes_prepare_the_same_batches(tmp_path: Path) -> None:
+    training.train(config(), tmp_path / "alone")
+    training.train(config(replace(SETTINGS, num_workers=2)), tmp_path / "helped")
+    alone, helped = tensors_of(tmp_path / "alone"), tensors_of(tmp_path / "helped")
+    assert all(torch.equal(alone[name], helped[name]) for name in alone)
+
+
 def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     """Of a run that steps to and fro, the mean scores better than where it stands, and is what the
     file holds.

@@ -9,6 +9,7 @@ on the synthetic street it is a hundred times as long as the true depth's gradie
 another way (cosine -0.1).
 """
 
+import functools
 from typing import Literal
 
 import torch
@@ -33,8 +34,7 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
     """
     if net == "vgg19":
         return vgg.content_loss(predicted, target)
-    stored = lpips.load_weights(net, lpips.find_weights(net, None))
-    weights = {name: tensor.to(predicted.device) for name, tensor in stored.items()}
+    weights = _lpips_weights(net, predicted.device)
     with torch.no_grad():
         wanted = lpips.unit_features(net, weights, 2 * target.float() - 1)
     total = predicted.new_zeros(())
@@ -42,6 +42,12 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
         squares = (ours - wanted[index]) ** 2
         total = total + torch.einsum("bchw,c->bhw", squares, weights[f"lin{index}.weight"]).mean()
     return total
+
+
+@functools.cache
+def _lpips_weights(net: Literal["alex", "squeeze"], device: torch.device) -> dict[str, Tensor]:
+    stored = lpips.load_weights(net, lpips.find_weights(net, None))
+    return {name: tensor.to(device) for name, tensor in stored.items()}
 
 
 def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:

@@ -54,9 +54,12 @@ class Splatter:
         """
         batch, (height, width) = len(features), size_px
         slots = self._slots(positions_px, inverse_depths, visible, size_px)  # [B * H * W, K]
-        weights = self._weights(self._opacities(positions_px, slots, size_px), slots)
+        weights = self._weights(self._opacities(positions_px, slots, size_px))
         blended = functional.embedding_bag(
-            slots.clamp(min=0), features.flatten(0, 1), mode="sum", per_sample_weights=weights
+            _filled(slots, visible.numel()),
+            features.flatten(0, 1),
+            mode="sum",
+            per_sample_weights=weights,
         )
         shape = (batch, height, width, -1)
         return blended.view(shape).permute(0, 3, 1, 2), weights.sum(dim=1).view(shape).permute(
@@ -122,12 +125,13 @@ class Splatter:
         height, width = size_px
         pixels = torch.arange(len(slots), device=slots.device)
         centres = torch.stack([pixels % width, pixels // width % height], dim=1)  # [B * H * W, 2]
-        positions = positions_px.flatten(0, 1)[slots.clamp(min=0)]
+        positions = positions_px.flatten(0, 1)
+        positions = positions[_filled(slots, len(positions))]
         squares = (positions - centres[:, None]).square().sum(dim=2) / self.radius_px**2
         opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
         return torch.where(slots == EMPTY, 0.0, opacities**self.sharpness)
 
-    def _weights(self, opacities: Tensor, slots: Tensor) -> Tensor:
+    def _weights(self, opacities: Tensor) -> Tensor:
         """Return the blending weights of the slots [B * H * W, K]."""
         if self.blending == "sum":
             return opacities
@@ -136,6 +140,15 @@ class Splatter:
         transmittance = torch.cumprod(1 - opacities, dim=1)
         before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
         return opacities * before
+
+
+def _filled(slots: Tensor, num_points: int) -> Tensor:
+    """Return the slots [P, K] with some point in empty ones, where it has no weight.
+
+    Each pixel takes another point: a GPU adds the gradients of one point one after the other.
+    """
+    others = torch.arange(len(slots), device=slots.device)[:, None] % num_points
+    return torch.where(slots == EMPTY, others, slots)
 
 
 def rays(intrinsics: Tensor, size_px: tuple[int, int]) -> Tensor:
