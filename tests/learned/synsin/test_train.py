@@ -110,7 +110,8 @@ def test_an_adversary_takes_turns_with_the_generator(
     wanted += history[0]["generator.depth"] + history[0]["generator.reprojection"]
     wanted += 0.01 * history[0]["generator.roughness"]
     torch.testing.assert_close(history[0]["generator.total"], wanted)
-    assert history[-1]["discriminator.total"] < history[0]["discriminator.total"]
+    scores = [float(each["discriminator.total"]) for each in history]
+    assert sum(scores[-10:]) / 10 < 0.95 * scores[0]  # single steps go up and down
 
 
 def test_validation_looks_at_some_examples_and_gives_the_same_again(
