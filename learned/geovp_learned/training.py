@@ -175,6 +175,8 @@ class Trainer:
             batch_size=None,  # a step is a whole batch
             sampler=range(self.progress.step, self.settings.num_steps),
             num_workers=self.settings.num_workers,
+            # a forked worker would hang in the pools of threads of OpenCV and Numba
+            multiprocessing_context="forkserver" if self.settings.num_workers else None,
             worker_init_fn=_one_thread,
         )
         return iter(loader)
@@ -324,7 +326,8 @@ class Trainer:
 
 
 def _one_thread(_: int) -> None:
-    cv2.setNumThreads(1)  # in a forked worker, a pool of threads hangs
+    """Leave the cores to the other workers."""
+    cv2.setNumThreads(1)
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:

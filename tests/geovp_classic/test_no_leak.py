@@ -236,7 +236,7 @@ def test_the_memory_of_the_context_does_not_hold_the_future() -> None:
 def test_all_privileged_inputs_and_roles_are_tested() -> None:
     assert set(FIELD_OF_INPUT) == set(PrivilegedInput)
     fields = {field.name for field in dataclasses.fields(Context)}
-    always = {"name", "frames", "times_s", "intrinsics", "observations"}
+    always = {"name", "frames", "times_s", "intrinsics", "observations", "steps"}
     assert fields == always | {"full_observations", "future_full", *FIELD_OF_INPUT.values()}
     with_needs = {role for role, p in registry.PROTOCOL_OF_ROLE.items() if hasattr(p, "needs")}
     assert set(ROLES) == with_needs - {"scales"}  # a scale gets numbers from its odometry
