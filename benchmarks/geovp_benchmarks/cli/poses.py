@@ -5,6 +5,7 @@ Print errors under several alignments, of whole sequences, with pose files, or o
 Examples:
   geovp poses path/to/kitti '03[0:360)'
   geovp poses path/to/kitti '03[180:360)' '06[0:51)' --clips 10
+  geovp poses path/to/kitti 03 --clips 10 --odometry '{name = "recorded", path = "03.txt"}'
   geovp poses path/to/tum 'desk[0:200)' --odometry '{name = "monocular", scale = "unit-speed"}'
 """
 
@@ -24,7 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = add_group(parser, "odometry")
     text = "Name or TOML table of a component, see `geovp list odometries`. Default: monocular."
     add(group, "--odometry", "SPEC", text, "monocular")
-    text = "Print median errors of clips of N frames. Default: track whole sequences."
+    text = (
+        "Print median errors of clips of N frames; odometries that work on clips only, such as "
+        "`recorded`, need it. Default: track whole sequences."
+    )
     add(group, "--clips", "N", text, type=at_least(3))
     group = add_group(parser, "output")
     folder = Path("results/poses")

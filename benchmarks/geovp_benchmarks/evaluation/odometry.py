@@ -77,8 +77,8 @@ def track_sequences(
     odometry = registry.build("odometries", spec)
     if not hasattr(odometry, "track_sequence"):
         raise Incompatible(
-            f"the odometry {registry.name_of(odometry)!r} works on clips only: choose a "
-            "streaming one"
+            f"the odometry {registry.name_of(odometry)!r} works on clips only: give "
+            "--clips N, or choose an odometry that tracks whole sequences"
         )
     dataset = registry.build("datasets", {**data, "sequences": list(frames), "num_frames": 2})
     for stretch in dataset.ranges:

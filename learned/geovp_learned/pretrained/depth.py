@@ -65,3 +65,8 @@ def normalised(
     resized = np.stack([pinhole.resize(frame, size_px) for frame in frames])
     images = (resized / np.float32(255) - np.array(mean)) / np.array(std)
     return np.moveaxis(images.astype(np.float32), -1, 1)
+
+
+def note_on_weights(weights: str, device: str) -> str:
+    """Describe the weights of a network from elsewhere in a note below tables."""
+    return f"{weights} on {device}; the file does not say on what it was trained"

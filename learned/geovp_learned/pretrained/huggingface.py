@@ -1,6 +1,7 @@
 """Depth networks of Hugging Face transformers, such as Depth Anything, DPT and ZoeDepth."""
 
 import functools
+import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +14,8 @@ from transformers.utils.hub import cached_file
 from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray
-from geovp_learned import devices
-from geovp_learned.pretrained.depth import NetworkDepth, normalised
+from geovp_learned import checkpoints, devices
+from geovp_learned.pretrained.depth import NetworkDepth, normalised, note_on_weights
 
 ADVICE = "give a local folder, or a hub id and the revision of a depth network with safetensors"
 
@@ -25,11 +26,13 @@ class HuggingFaceDepth(NetworkDepth):
 
     An id needs a pinned `revision`, the hash of a commit. Networks with metric output, such as
     ZoeDepth and Depth Pro, need `values = "depth"`; `align = false` then takes their metres.
-    Images are prepared as preprocessor_config.json says.
+    Images are prepared as preprocessor_config.json says. `fingerprint` identifies the files of a
+    local folder in results; when given, other files are refused.
     """
 
     model: str
     revision: str = ""
+    fingerprint: str = ""
 
     def __post_init__(self) -> None:
         is_local = Path(self.model).is_dir()
@@ -38,13 +41,27 @@ class HuggingFaceDepth(NetworkDepth):
                 f"{self.model} is not a folder, and revision is {self.revision!r}: give a local "
                 "folder, or the 40 digits of a commit of the hub"
             )
+        if is_local:
+            fingerprint = folder_fingerprint(Path(self.model), self.fingerprint)
+            object.__setattr__(self, "fingerprint", fingerprint)
         object.__setattr__(self, "device", devices.resolved(self.device))
-        load(self.model, self.revision, self.device)
+        self.load()
+
+    def load(self) -> tuple[torch.nn.Module, dict[str, Any]]:
+        """Return the network and the settings of its image processor."""
+        return load(self.model, self.revision, self.fingerprint, self.device)
+
+    @property
+    def weights_note(self) -> str:
+        """Describe the weights in a note below tables."""
+        version = self.fingerprint or self.revision
+        weights = f"huggingface weights {self.model} {version}"
+        return note_on_weights(weights, devices.described(self.device))
 
     @torch.inference_mode()
     def predict(self, frames: ByteArray) -> FloatArray:
         """Return the predicted depth [N, H', W'] of all frames in one batch."""
-        network, processor = load(self.model, self.revision, self.device)
+        network, processor = self.load()
         size_px = input_size(processor, frames.shape[2], frames.shape[1])
         mean = processor.get("image_mean", (0.5, 0.5, 0.5))
         std = processor.get("image_std", (0.5, 0.5, 0.5))
@@ -75,11 +92,30 @@ def input_size(processor: dict[str, Any], width_px: int, height_px: int) -> tupl
     )
 
 
+def folder_fingerprint(folder: Path, wanted: str = "") -> str:
+    """Return the first 12 digits of the SHA-256 of a folder's safetensors and JSON files.
+
+    Raises BadData if they differ from those wanted.
+    """
+    paths = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")])
+    digits = "".join(path.name + checkpoints.fingerprint(path) for path in paths)
+    fingerprint = hashlib.sha256(digits.encode()).hexdigest()[:12]
+    if wanted not in ("", fingerprint):
+        raise BadData(
+            f"{folder} has the fingerprint {fingerprint}, expected {wanted}: give the weights that "
+            "are asked for"
+        )
+    return fingerprint
+
+
 @functools.lru_cache(maxsize=2)
-def load(model: str, revision: str, device: str) -> tuple[torch.nn.Module, dict[str, Any]]:
+def load(
+    model: str, revision: str, fingerprint: str, device: str
+) -> tuple[torch.nn.Module, dict[str, Any]]:
     """Return the network and the settings of its image processor, once per process.
 
-    Nothing in the files is executed. Raises BadData if they cannot be read or downloaded.
+    Nothing in the files is executed. Raises BadData if they cannot be read or downloaded. The
+    fingerprint only distinguishes files of one folder at different times.
     """
     pinned = {"revision": revision} if revision else {"local_files_only": True}
     with files.checked(f"{model} cannot be loaded", ADVICE):

@@ -15,7 +15,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.rendering.inpainting import inpaint_each
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 from geovp_learned import checkpoints
-from geovp_learned.pretrained.depth import NetworkDepth, normalised
+from geovp_learned.pretrained.depth import NetworkDepth, normalised, note_on_weights
 
 PROVIDER_OF_DEVICE = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 
@@ -39,6 +39,11 @@ class OnnxDepth(NetworkDepth):
         fingerprint = checkpoints.fingerprint(self.path, self.fingerprint)
         object.__setattr__(self, "fingerprint", fingerprint)
         session_of(self.path, fingerprint, self.device)
+
+    @property
+    def weights_note(self) -> str:
+        """Describe the weights in a note below tables."""
+        return note_on_weights(f"onnx weights {self.path.name} {self.fingerprint}", self.device)
 
     def predict(self, frames: ByteArray) -> FloatArray:
         """Return the output [N, H', W']; raise BadData if the file does not fit the settings."""
@@ -75,6 +80,11 @@ class OnnxInpainter:
         fingerprint = checkpoints.fingerprint(self.path, self.fingerprint)
         object.__setattr__(self, "fingerprint", fingerprint)
         session_of(self.path, fingerprint, self.device)
+
+    @property
+    def weights_note(self) -> str:
+        """Describe the weights in a note below tables."""
+        return note_on_weights(f"onnx weights {self.path.name} {self.fingerprint}", self.device)
 
     def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
         """Return frames [F, H, W, 3]; a frame without covered pixels becomes the last one."""

@@ -123,7 +123,7 @@ def test_without_a_scale_no_metres_are_printed(street: Path, tmp_path: Path, pri
         (["99"], "99"),
         (["07[5:50)"], "07 has 12 frames"),
         (["07", "--odometry", "monoclar"], "did you mean 'monocular'"),
-        (["07", "--odometry", "ground-truth"], "works on clips only"),
+        (["07", "--odometry", "ground-truth"], "give --clips N"),
     ],
 )
 def test_mistakes_get_a_sentence(

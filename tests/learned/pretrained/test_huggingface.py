@@ -63,3 +63,26 @@ def test_models_of_the_hub_need_a_pinned_revision(tmp_path: Path) -> None:
             )
     with pytest.raises(BadData, match="safetensors"):
         registry.build("depth_sources", {"name": "huggingface", "model": str(tmp_path)})
+
+
+def test_changed_weights_of_a_folder_change_the_component(
+    tmp_path: Path, write_huggingface: Callable[[Path], Path]
+) -> None:
+    """Stored scores are found by the described settings, so these must differ."""
+    spec = {"name": "huggingface", "model": str(write_huggingface(tmp_path))}
+    before = registry.build("depth_sources", spec)
+    stored = registry.describe(before)
+    frames = np.random.default_rng(0).integers(0, 256, (1, 56, 56, 3), np.uint8)
+    output = before.predict(frames)
+    assert registry.build("depth_sources", stored) == before
+    assert before.fingerprint in before.weights_note
+    network = transformers.AutoModelForDepthEstimation.from_pretrained(tmp_path)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter += 0.1
+    network.save_pretrained(tmp_path)
+    after = registry.build("depth_sources", spec)
+    assert registry.describe(after) != stored
+    assert np.abs(after.predict(frames) - output).max() > 1e-3
+    with pytest.raises(BadData, match="fingerprint"):
+        registry.build("depth_sources", stored)

@@ -28,6 +28,7 @@ def test_images_are_resized_normalised_and_batched(
     path = write_onnx(tmp_path / "mean.onnx", {"image": shape}, mean_axis=axis)
     settings = {"mean": [0.1, 0.2, 0.3], "std": [0.5, 0.5, 0.25], "size_px": [48, 32]}
     source = registry.build("depth_sources", {"name": "onnx", "path": str(path), **settings})
+    assert source.weights_note.startswith(f"onnx weights mean.onnx {source.fingerprint} on cpu")
     frames = np.full((2, 64, 64, 3), 51, np.uint8)
     frames[1] = 102
     output = source.predict(frames)
