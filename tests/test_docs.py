@@ -40,7 +40,8 @@ FENCE = re.compile(
     r"^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$",
     re.MULTILINE | re.DOTALL,
 )
-HAS_TORCH = importlib.util.find_spec("torch") is not None
+EXTRAS = ("torch", "onnx", "onnxscript", "onnxruntime")
+HAS_NETWORKS = all(map(importlib.util.find_spec, EXTRAS))
 SYNTHETIC = {"name": "synthetic", "num_frames": 30, "size_px": [128, 128]}
 MATRIX = """
 [protocol]
@@ -132,9 +133,9 @@ def namespace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> types.ModuleTy
 
 
 def execute(page: Path, namespace: types.ModuleType) -> None:
-    """Run the python blocks of a page in order, without those that need torch if it is missing."""
+    """Run the python blocks of a page in order, without those of networks if an extra is missing."""
     for block in blocks(page, "python"):
-        if HAS_TORCH or "import torch" not in block.text:
+        if HAS_NETWORKS or "import torch" not in block.text:
             code = compile("\n" * block.line + block.text, str(page), "exec")
             exec(code, namespace.__dict__)
 
@@ -146,7 +147,7 @@ def check_matrix(block: Block, root: Path | None = None) -> None:
         assert built.clip_names, block
         components = [each for method in built.methods.values() for each in method.values()]
         failures = [each for each in components if isinstance(each, Failure)]
-        assert not failures or not HAS_TORCH, f"{block}: {failures}"
+        assert not failures or not HAS_NETWORKS, f"{block}: {failures}"
 
 
 def check_pyproject(block: Block, namespace: types.ModuleType) -> None:
@@ -165,7 +166,7 @@ def check_pyproject(block: Block, namespace: types.ModuleType) -> None:
 def test_python_runs_and_toml_can_be_built(page: Path, namespace: types.ModuleType) -> None:
     before = set(vars(namespace))
     execute(page, namespace)  # writes the folders that matrices name
-    assert set(vars(namespace)) > before or not blocks(page, "python") or not HAS_TORCH
+    assert set(vars(namespace)) > before or not blocks(page, "python") or not HAS_NETWORKS
     for block in blocks(page, "toml"):
         if "protocol" not in block.toml:
             check_pyproject(block, namespace)
@@ -254,8 +255,8 @@ def test_shell_line(
         check_geovp(args, monkeypatch, write_kitti_raw, tmp_path)
     elif program == "python" and args[0] == "-m":
         monkeypatch.setattr(sys, "argv", args[1:])
-        if "learned" in args[1] and not HAS_TORCH:
-            pytest.skip("torch is not installed")
+        if "learned" in args[1] and not HAS_NETWORKS:
+            pytest.skip("an extra of networks is not installed")
         parse_only(lambda: runpy.run_module(args[1], run_name="__main__"), monkeypatch)
     elif program == "python" and args[0] == "benchmarks/studies":
         parse_only(lambda: studies.main(args[1:]), monkeypatch)
