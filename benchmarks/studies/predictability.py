@@ -209,4 +209,4 @@ def explained_fraction(
 def percent(fraction: Interval) -> str:
     """Format a fraction with its interval in per cent."""
     mean, low, high = (100 * value for value in (fraction.mean, fraction.low, fraction.high))
-    return f"{mean:.0f} [{low:.0f}, {high:.0f}]"
+    return f"{mean:z.0f} [{low:z.0f}, {high:z.0f}]"
