@@ -1,0 +1,112 @@
+"""Extrapolation of the dense optical flow between the last observed frames."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry import pinhole
+from geovp_classic.inpainters.detail_transfer import DetailTransfer
+from geovp_classic.interfaces import Inpainter
+from geovp_classic.predictors.image_warping import (
+    last_greys,
+    warped_prediction,
+)
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Prediction,
+    PrivilegedInput,
+)
+
+
+@dataclass(frozen=True)
+class FlowExtrapolation:
+    """Motion of each pixel by the flow at its place in the image, which stays or changes steadily.
+
+    The flow is that of DIS (Kroeger et al. 2016). The last frame is warped backward, step by step
+    (semi-Lagrangian scheme of Germann & Zawadzki 2002). `velocity` keeps the last flow;
+    `acceleration` adds its change between the last three frames, as Sarkar et al. 2020 do. Pixels
+    whose path leaves the image or passes occluded pixels are inpainted.
+    """
+
+    # On val, acceleration loses 1.9 dB, and smoothing of the flow gains nothing.
+    motion: Literal["velocity", "acceleration"] = "velocity"
+    inpainter: Inpainter = DetailTransfer()
+    # Forward and backward flow may differ by this fraction of their lengths, and by this many
+    # pixels in addition, unless a pixel is occluded (Sundaram et al. 2010).
+    max_inconsistency: float = 0.1
+    max_inconsistency_px: float = 0.7
+
+    needs = PrivilegedInput.NONE
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """Predict one sample; raise Incompatible without two, or three, usable frames."""
+        num_frames = 2 if self.motion == "velocity" else 3
+        greys, times_s, last = last_greys(context, num_frames)
+        elapsed_s = np.diff(times_s)
+        flow, is_consistent = self._backward_flow(greys[-2], greys[-1])
+        px_per_s = flow / elapsed_s[-1]
+        px_per_s2 = np.zeros_like(px_per_s)
+        if self.motion == "acceleration":
+            earlier_flow, _ = self._backward_flow(greys[-3], greys[-2])
+            change = px_per_s - earlier_flow / elapsed_s[0]
+            px_per_s2 = change / elapsed_s.mean()
+
+        grid = pinhole.pixel_grid(last.camera).astype(np.float32)
+        pixels, has_source = grid, np.ones_like(is_consistent)
+        measured_s = times_s[-2:].mean()
+        maps = []
+        steps_s = [times_s[-1], *context.times_s[context.num_past :]]
+        for before_s, now_s in itertools.pairwise(steps_s):
+            ahead_s = (before_s + now_s) / 2 - measured_s
+            speed = px_per_s + ahead_s * px_per_s2
+            step_px = np.asarray(speed * (now_s - before_s), np.float32)
+            u, v = cv2.split(grid + step_px)
+            shift = cv2.remap(
+                pixels - grid,
+                u,
+                v,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            pixels = grid + step_px + shift
+            # pixels outside of the image have no source
+            before = cv2.remap(
+                has_source.astype(np.uint8), u, v, cv2.INTER_NEAREST
+            )
+            has_source = is_consistent & (before > 0)
+            maps.append((pixels, has_source))
+        return warped_prediction(last, maps, self.inpainter)
+
+    def _backward_flow(
+        self, before: ByteArray, now: ByteArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return the flow [H, W, 2] from an image to the one before it, in pixels.
+
+        The second array [H, W] states where the flow back agrees with it.
+        """
+        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        backward = dis.calc(now, before, None)
+        forward = dis.calc(before, now, None)
+        rows, columns = np.indices(now.shape, np.float32)
+        returning = cv2.remap(
+            forward,
+            columns + backward[..., 0],
+            rows + backward[..., 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        inconsistency_px = np.linalg.norm(backward + returning, axis=-1)
+        length_px = np.hypot(
+            np.linalg.norm(backward, axis=-1),
+            np.linalg.norm(returning, axis=-1),
+        )
+        limit_px = np.hypot(
+            self.max_inconsistency * length_px, self.max_inconsistency_px
+        )
+        return backward, inconsistency_px <= limit_px
