@@ -23,6 +23,7 @@ CLASSIC_LAYERS = [
     {"pose_sources", "inpainters", "recorded"},
     {"renderers"},  # depth fusion has a default inpainter
     {"predictors"},
+    {"streaming"},
     {"api"},
 ]
 BENCHMARK_LAYERS = [

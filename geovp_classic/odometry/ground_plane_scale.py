@@ -1,5 +1,6 @@
 """Metric scale of an odometry from the road and the camera's height above it."""
 
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,6 +42,8 @@ class GroundPlane:
     # relative error that all measurements share: of pitch, and by roads that are not flat
     systematic_error: float = 0.02
     walk: RandomWalk = RandomWalk()  # of the height
+    # remembered, of an endless drive; None: all
+    max_pairs: int | None = None
     step_per_rad: float = 20.0  # relative increase of its steps by the rotation
     # search around the last heights, in logarithms
     search_range: float = 0.3
@@ -103,7 +106,10 @@ class GroundPlaneEstimator:
         self.uncertainty = np.inf
         self.pitch_rad = pitch_rad
         self.roll_rad = 0.0
-        self._measurements: list[Measurement] = []  # one per update
+        # one per update
+        self._measurements: deque[Measurement] = deque(
+            maxlen=settings.max_pairs
+        )
         self._recent: list[float] = []  # logarithms of measured heights
         self._num_measured = 0
         self._num_missed = 0  # in a row

@@ -136,6 +136,10 @@ class Tracker:
             [pose.tracked for pose in self._poses]
         )
 
+    def forget(self, num_images: int) -> None:
+        """Forget the poses of all but the newest images."""
+        del self._poses[:-num_images]
+
     def _localise(
         self, last: Image, image: Image, predicted: FloatArray
     ) -> Tracks | None:

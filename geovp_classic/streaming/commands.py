@@ -1,0 +1,51 @@
+"""Motion that is commanded, such as by a remote driver, instead of forecast."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import planar
+from geovp_classic.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Command:
+    """Speed and yaw rate of the vehicle from a time on, until the next command."""
+
+    time_s: float
+    speed_m_s: float  # negative: in reverse
+    yaw_rate_rad_s: float  # positive: to the right
+
+
+def commanded_poses(
+    commands: Sequence[Command],  # in increasing time, at least one
+    world_from_last: FloatArray,  # [4, 4], the camera at the start
+    vehicle_from_cam: FloatArray,  # [4, 4], of `planar.level_vehicle_from_cam`
+    start_s: float,
+    times_s: FloatArray,  # [F], increasing, from the start on
+) -> FloatArray:
+    """Return the poses [F, 4, 4] of a camera that moves as commanded, along arcs.
+
+    The first command is also valid before its time. Raise BadData for commands out of order.
+    """
+    begins_s = np.array([command.time_s for command in commands])
+    if len(begins_s) == 0 or (np.diff(begins_s) < 0).any():
+        raise BadData(
+            "commands must be given in increasing time, at least one: sort them by time_s"
+        )
+    nodes_s = np.union1d(begins_s[begins_s > start_s], [start_s, *times_s])
+    nodes_s = nodes_s[nodes_s <= times_s[-1]]
+    in_force = np.searchsorted(begins_s, nodes_s[:-1], side="right") - 1
+    valid = [commands[max(index, 0)] for index in in_force]
+    speed = np.array([command.speed_m_s for command in valid])
+    rate = np.array([command.yaw_rate_rad_s for command in valid])
+    durations_s = np.diff(nodes_s)
+    yaw = np.concatenate([[0.0], np.cumsum(rate * durations_s)])
+    chord = speed * durations_s * np.sinc(rate * durations_s / (2 * np.pi))
+    middle = (yaw[1:] + yaw[:-1]) / 2
+    x = np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))])
+    z = np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))])
+    states = np.stack([x, z, yaw], axis=-1)[np.searchsorted(nodes_s, times_s)]
+    return planar.lift(states, world_from_last, vehicle_from_cam)

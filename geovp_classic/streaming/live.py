@@ -1,0 +1,373 @@
+"""The live predictor: push frames as they arrive, ask for the view at any time."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import pinhole, planar, se3
+from geovp_classic.observation import Observed
+from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import CheckedScene
+from geovp_classic.streaming.commands import Command, commanded_poses
+from geovp_classic.streaming.odometry import StreamOdometry
+from geovp_classic.streaming.settings import LiveSettings
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+)
+
+Status = Literal["used", "duplicate", "blank", "late", "restarted"]
+
+
+@dataclass(frozen=True)
+class PushReport:
+    """What became of a frame, and the seconds that each stage took."""
+
+    status: Status
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """What the camera sees at the present: predicted, or its newest frame with a warning."""
+
+    frame: ByteArray  # [H, W, 3]
+    covered: BoolArray  # [H, W]; False: inpainted
+    confidence: float  # in [0, 1]
+    warning: str | None  # why no prediction is shown
+    age_s: float  # of the newest frame
+    # Planned track of the camera on the ground, in pixels; empty without metres
+    path_px: FloatArray  # [M, 2], NaN behind the camera
+    path_sides_px: (
+        FloatArray  # [2, M, 2], the left and right edge of its uncertainty
+    )
+
+    @property
+    def is_predicted(self) -> bool:
+        """Return whether the frame is a prediction."""
+        return self.warning is None
+
+
+@dataclass(frozen=True)
+class _Frame:
+    image: ByteArray  # [H, W, 3]
+    time_s: float
+
+
+@dataclass(frozen=True)
+class _Present:
+    """A scene with the motion in it; all in the world frame of its odometry."""
+
+    scene: CheckedScene
+    past: Trajectory
+    tracked: BoolArray
+    times_s: FloatArray  # [F], from the last frame on
+    futures: FloatArray  # [S, F, 4, 4], the central one first
+    vehicle_from_cam: FloatArray  # [4, 4]
+
+    def pose(self, times_s: FloatArray) -> FloatArray:
+        """Return the poses [F, 4, 4] of the central future."""
+        return se3.interpolate(self.futures[0], self.times_s, times_s)
+
+
+@dataclass(frozen=True)
+class _State:
+    """What a view is made of; a push replaces it as a whole."""
+
+    newest: _Frame | None = None  # usable or not
+    is_blank: bool = False  # the newest frame
+    present: _Present | None = None
+
+
+class LivePredictor:
+    """Prediction of the present of a delayed camera, frame by frame, in bounded memory.
+
+    Each frame is tracked, measured and reconstructed once; the scene of the last frame replaces
+    the one before. One thread may push while others ask for views.
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        camera_height_m: float | None = None,
+        settings: LiveSettings | None = None,
+    ) -> None:
+        self.intrinsics = intrinsics
+        self.settings = (settings or LiveSettings()).for_camera(camera_height_m)
+        self._height_m = camera_height_m
+        self._predictor = GeometricPredictor(
+            Chained(self.settings.odometry, self.settings.forecaster),
+            self.settings.renderer,
+            self.settings.observer,
+            self.settings.hindcast,
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._window: list[_Frame] = []  # usable ones
+        self._odometry: StreamOdometry | None = None
+        self._state = _State()
+
+    def push(self, frame: ByteArray, time_s: float) -> PushReport:
+        """Add a frame [H, W, 3] uint8 of the camera, taken at a time.
+
+        A late frame is ignored: one that is not newer than the last one. Raise BadData for
+        another shape.
+        """
+        self._check(frame, time_s)
+        status: Status = "used"
+        seconds: dict[str, float] = {}
+        newest = self._state.newest
+        if newest is not None:
+            elapsed_s = time_s - newest.time_s
+            if -self.settings.max_gap_s < elapsed_s <= 0:
+                return PushReport("late")
+            if not 0 < elapsed_s <= self.settings.max_gap_s:
+                self.reset()
+                status = "restarted"
+        added = _Frame(np.array(frame), float(time_s))
+
+        with _timed("observe", seconds):
+            self._window = [*self._window, added][-self.settings.num_frames :]
+            observed, is_usable = self._observe()
+        if not is_usable[-1]:
+            self._window.pop()
+            contrast = self.settings.observer.screening.min_contrast
+            is_blank = bool(pinhole.grey8(added.image).std() <= contrast)
+            self._state = replace(self._state, newest=added, is_blank=is_blank)
+            return PushReport("blank" if is_blank else "duplicate", seconds)
+        if not is_usable.all():  # the others lie before a cut
+            self._keep(is_usable)
+            status = "restarted"
+            observed, _ = self._observe()
+
+        with _timed("track", seconds):
+            odometry = self._track(observed)
+            if odometry.is_lost:
+                self._keep(
+                    np.arange(len(self._window)) == len(self._window) - 1
+                )
+                status = "restarted"
+                observed, _ = self._observe()
+                odometry = self._track(observed)
+        with _timed("scale", seconds):
+            odometry.measure_scale()
+            past, tracked = odometry.past()
+        with _timed("scene", seconds):
+            scene = self._predictor.reconstruct(observed, past)
+        with _timed("forecast", seconds):
+            times_s, futures = self._forecast(past)
+        steps = se3.steps(past.world_from_cam)[tracked[:-1] & tracked[1:]]
+        pitch_rad = planar.travel_pitch_rad(steps[:, :3, 3])
+        plane = planar.level_vehicle_from_cam(pitch_rad)
+        present = _Present(scene, past, tracked, times_s, futures, plane)
+        self._state = _State(added, False, present)
+        return PushReport(status, seconds)
+
+    def view(self, time_s: float, commands: Sequence[Command] = ()) -> LiveView:
+        """Return what the camera sees at a time, after the last frame or the commands' motion.
+
+        Raise Incompatible before the first frame, or for commands without the camera's height.
+        """
+        state = self._state
+        if state.newest is None:
+            raise Incompatible(
+                "there is no frame yet: push one before the first view"
+            )
+        if commands and self._height_m is None:
+            raise Incompatible(
+                "commands are in metres per second, but the scale is unknown: give the camera's "
+                "height above the road"
+            )
+        late = LiveView(
+            frame=state.newest.image,
+            covered=np.ones(state.newest.image.shape[:2], bool),
+            confidence=0.0,
+            warning=self._warning(state, time_s, bool(commands)),
+            age_s=time_s - state.newest.time_s,
+            path_px=np.zeros((0, 2)),
+            path_sides_px=np.zeros((2, 0, 2)),
+        )
+        present = state.present
+        if late.warning is not None or present is None:
+            return late
+
+        settings = self.settings
+        start_s = float(present.past.times_s[-1])
+        now_s = max(time_s, start_s)
+        times_s = now_s + np.arange(0, settings.path_s, settings.path_step_s)
+        path = present.pose(times_s)
+        if commands:
+            path = commanded_poses(
+                commands,
+                present.past.world_from_cam[-1],
+                present.vehicle_from_cam,
+                start_s,
+                times_s,
+            )
+        views = present.scene.view(path[:1], times_s[:1], self.intrinsics)
+        covered = views.covered[0]
+        if covered.mean() < settings.min_covered:
+            unseen = 100 * (1 - covered.mean())
+            warning = f"{unseen:.0f} % of the view was never seen"
+            return replace(late, warning=warning)
+        path_px, sides_px = self._drawn_path(
+            present, path, times_s, bool(commands)
+        )
+        agreement = present.scene.agreement * present.tracked.mean()
+        return replace(
+            late,
+            frame=views.frames[0],
+            covered=covered,
+            confidence=float(covered.mean() * agreement),
+            path_px=path_px,
+            path_sides_px=sides_px,
+        )
+
+    def _check(self, frame: ByteArray, time_s: float) -> None:
+        camera = self.intrinsics
+        shape = (camera.height_px, camera.width_px, 3)
+        if np.shape(frame) != shape or frame.dtype != np.uint8:
+            raise BadData(
+                f"the frame is {frame.dtype} {np.shape(frame)}, expected uint8 {shape}: resize it, "
+                "or give the intrinsics of this size"
+            )
+        if not np.isfinite(time_s):
+            raise BadData(f"the frame's time is {time_s}, expected seconds")
+
+    def _observe(self) -> tuple[Observed, BoolArray]:
+        """Observe the remembered frames; return also which of them are usable [P]."""
+        times_s = [frame.time_s for frame in self._window]
+        context = Context(
+            frames=np.stack([frame.image for frame in self._window]),
+            times_s=np.array(
+                [*times_s, times_s[-1] + self.settings.path_step_s]
+            ),
+            intrinsics=self.intrinsics,
+            camera_height_m=self._height_m,
+        )
+        observed = self._predictor.observe(context)
+        assert observed.context.observations is not None
+        return observed, observed.context.observations.is_usable
+
+    def _keep(self, mask: BoolArray) -> None:
+        """Forget the other frames [P], and what was tracked through them."""
+        self._window = [self._window[index] for index in np.flatnonzero(mask)]
+        self._odometry = None
+
+    def _track(self, observed: Observed) -> StreamOdometry:
+        """Track the newest frame; all of them anew if the scene's window in the image changed."""
+        observations = observed.context.observations
+        assert observations is not None
+        camera = observations.intrinsics
+        odometry = self._odometry
+        new = slice(-1, None)
+        if odometry is None or odometry.camera != camera:
+            settings = self.settings
+            odometry = self._odometry = StreamOdometry(
+                settings.odometry,
+                camera,
+                self._height_m,
+                settings.num_frames,
+                settings.min_frames,
+            )
+            new = slice(None)
+        for frame, grey in zip(
+            self._window[new], observations.greys[new], strict=True
+        ):
+            odometry.push(grey, frame.time_s)
+        return odometry
+
+    def _forecast(self, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+        """Return times [F] from the last frame on, and futures [S, F, 4, 4], the central first."""
+        settings = self.settings
+        end_s = settings.max_ahead_s + settings.path_s
+        ahead_s = np.arange(
+            0, end_s + settings.path_step_s, settings.path_step_s
+        )
+        times_s = past.times_s[-1] + ahead_s
+        forecaster = settings.forecaster
+        futures = forecaster.forecast(past, times_s[1:])[:1]
+        if past.is_metric and len(past) >= settings.min_frames:
+            samples = forecaster.forecast(
+                past, times_s[1:], settings.num_path_samples
+            )
+            futures = np.concatenate([futures, samples])
+        shape = (len(futures), 1, 4, 4)
+        last = np.broadcast_to(past.world_from_cam[-1], shape)
+        return times_s, np.concatenate([last, futures], axis=1)
+
+    def _warning(
+        self, state: _State, time_s: float, is_commanded: bool
+    ) -> str | None:
+        """Return why no prediction is to be trusted at a time."""
+        present, settings = state.present, self.settings
+        num_frames = 0 if present is None else len(present.past)
+        if present is None or num_frames < settings.min_frames:
+            return f"only {num_frames} usable frames since the start"
+        if state.is_blank:
+            return "the newest frame is blank"
+        ahead_s = time_s - present.past.times_s[-1]
+        if ahead_s > settings.max_ahead_s:
+            return f"the last usable frame is {ahead_s:.1f} s old"
+        if present.tracked.mean() < settings.min_tracked:
+            return "the camera's motion could not be tracked"
+        if not present.scene.is_trusted:
+            return "the scene does not explain the earlier frames"
+        if is_commanded and not present.past.is_metric:
+            return "the scale of the scene is unknown"
+        return None
+
+    def _drawn_path(
+        self,
+        present: _Present,
+        path: FloatArray,  # [M, 4, 4], from the present on
+        times_s: FloatArray,  # [M]
+        is_commanded: bool,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the path on the ground [M, 2] and its sides [2, M, 2] in pixels of the present.
+
+        Its uncertainty is one standard deviation of the sampled futures, if it is not commanded,
+        but at least half the width of the vehicle.
+        """
+        if self._height_m is None or not present.past.is_metric:
+            return np.zeros((0, 2)), np.zeros((2, 0, 2))
+        right = path[:, :3, 0]
+        half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
+        if not is_commanded and len(present.futures) > 1:
+            sampled = [
+                se3.interpolate(future, present.times_s, times_s)[:, :3, 3]
+                for future in present.futures[1:]
+            ]
+            lateral = ((np.stack(sampled) - path[:, :3, 3]) * right).sum(
+                axis=-1
+            )
+            half_m = np.maximum(half_m, np.sqrt((lateral**2).mean(axis=0)))
+        last = present.past.world_from_cam[-1]
+        down = last[:3, :3] @ present.vehicle_from_cam[1, :3]
+        ground = path[:, :3, 3] + self._height_m * down
+        beside = half_m[:, None] * right
+        points = np.stack([ground, ground - beside, ground + beside])
+        in_view = se3.transform(se3.inverse(path[0]), points)
+        pixels, depth = pinhole.project(in_view, self.intrinsics)
+        pixels = np.where(depth[..., None] > 0.1, pixels, np.nan)
+        return pixels[0], pixels[1:]
+
+
+@contextmanager
+def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Store the seconds that a stage takes."""
+    start_s = time.perf_counter()
+    yield
+    seconds[stage] = time.perf_counter() - start_s

@@ -1,0 +1,52 @@
+"""Components and limits of a live predictor."""
+
+from dataclasses import dataclass, field, replace
+
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.interfaces import Forecaster, Renderer
+from geovp_classic.observation import Observer
+from geovp_classic.odometry.ground_plane_scale import GroundPlane
+from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.unit_scale import UnitSpeed
+from geovp_classic.predictors.hindcast import Hindcast
+from geovp_classic.renderers.depth_fusion import DepthFusion
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """Components, which are those of the batch pipeline, and when a prediction is not trusted."""
+
+    # Its scale is replaced by `UnitSpeed` where the camera's height is unknown.
+    odometry: Monocular = field(
+        default_factory=lambda: Monocular(GroundPlane(max_pairs=60))
+    )
+    forecaster: Forecaster = MotionPrior()
+    renderer: Renderer = DepthFusion()
+    observer: Observer = Observer()
+    hindcast: Hindcast = Hindcast()
+    num_frames: int = 10  # the last usable ones, which are remembered
+    # Between two frames; after a longer gap, or a jump of the clock, all frames are forgotten.
+    max_gap_s: float = 1.0
+    min_frames: int = 4  # with fewer since a restart, no prediction is trusted
+    max_ahead_s: float = 2.5  # of the present after the last usable frame
+    min_covered: float = 0.3  # of the image; the rest is inpainted
+    min_tracked: float = 0.5  # of the remembered frames
+    path_s: float = 2.0  # length of the planned path, from the present on
+    path_step_s: float = 0.1
+    num_path_samples: int = 32  # whose spread is the path's uncertainty
+    vehicle_width_m: float = 1.8
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.min_frames <= self.num_frames:
+            raise BadData(
+                f"streaming: min_frames {self.min_frames} and num_frames {self.num_frames}, "
+                "expected 2 or more, and no more than are remembered"
+            )
+
+    def for_camera(self, height_m: float | None) -> "LiveSettings":
+        """Return the settings of a camera at a height, or without a metric scale."""
+        if height_m is not None:
+            return self
+        odometry = replace(self.odometry, scale=UnitSpeed())
+        return replace(self, odometry=odometry)
