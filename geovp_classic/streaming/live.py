@@ -175,26 +175,34 @@ class LivePredictor:
         self._state = _State(added, False, present)
         return PushReport(status, seconds)
 
-    def view(self, time_s: float, commands: Sequence[Command] = ()) -> LiveView:
-        """Return what the camera sees at a time, after the last frame or the commands' motion.
+    def view(
+        self,
+        time_s: float,
+        commands: Sequence[Command] = (),
+        last_from_present: FloatArray | None = None,  # [4, 4]
+    ) -> LiveView:
+        """Return what the camera sees at a time, after the forecast motion since the last frame.
 
-        Raise Incompatible before the first frame, or for commands without the camera's height.
+        Commands replace the forecast, and so does a motion in metres that is known otherwise, such
+        as from an IMU. Raise Incompatible before the first frame, or where these need the camera's
+        height.
         """
         state = self._state
         if state.newest is None:
             raise Incompatible(
                 "there is no frame yet: push one before the first view"
             )
-        if commands and self._height_m is None:
+        is_metric = bool(commands) or last_from_present is not None
+        if is_metric and self._height_m is None:
             raise Incompatible(
-                "commands are in metres per second, but the scale is unknown: give the camera's "
-                "height above the road"
+                "the motion is given in metres, but the scale is unknown: give the camera's height "
+                "above the road"
             )
         late = LiveView(
             frame=state.newest.image,
             covered=np.ones(state.newest.image.shape[:2], bool),
             confidence=0.0,
-            warning=self._warning(state, time_s, bool(commands)),
+            warning=self._warning(state, time_s, is_metric),
             age_s=time_s - state.newest.time_s,
             path_px=np.zeros((0, 2)),
             path_sides_px=np.zeros((2, 0, 2)),
@@ -216,15 +224,16 @@ class LivePredictor:
                 start_s,
                 times_s,
             )
+        if last_from_present is not None:
+            path = present.past.world_from_cam[-1] @ last_from_present[None]
+            times_s = times_s[:1]
         views = present.scene.view(path[:1], times_s[:1], self.intrinsics)
         covered = views.covered[0]
         if covered.mean() < settings.min_covered:
             unseen = 100 * (1 - covered.mean())
             warning = f"{unseen:.0f} % of the view was never seen"
             return replace(late, warning=warning)
-        path_px, sides_px = self._drawn_path(
-            present, path, times_s, bool(commands)
-        )
+        path_px, sides_px = self._drawn_path(present, path, times_s, is_metric)
         agreement = present.scene.agreement * present.tracked.mean()
         return replace(
             late,
@@ -309,7 +318,7 @@ class LivePredictor:
         return times_s, np.concatenate([last, futures], axis=1)
 
     def _warning(
-        self, state: _State, time_s: float, is_commanded: bool
+        self, state: _State, time_s: float, is_given: bool
     ) -> str | None:
         """Return why no prediction is to be trusted at a time."""
         present, settings = state.present, self.settings
@@ -325,7 +334,7 @@ class LivePredictor:
             return "the camera's motion could not be tracked"
         if not present.scene.is_trusted:
             return "the scene does not explain the earlier frames"
-        if is_commanded and not present.past.is_metric:
+        if is_given and not present.past.is_metric:
             return "the scale of the scene is unknown"
         return None
 
@@ -334,18 +343,18 @@ class LivePredictor:
         present: _Present,
         path: FloatArray,  # [M, 4, 4], from the present on
         times_s: FloatArray,  # [M]
-        is_commanded: bool,
+        is_given: bool,
     ) -> tuple[FloatArray, FloatArray]:
         """Return the path on the ground [M, 2] and its sides [2, M, 2] in pixels of the present.
 
-        Its uncertainty is one standard deviation of the sampled futures, if it is not commanded,
+        Its uncertainty is one standard deviation of the sampled futures, if it is forecast,
         but at least half the width of the vehicle.
         """
         if self._height_m is None or not present.past.is_metric:
             return np.zeros((0, 2)), np.zeros((2, 0, 2))
         right = path[:, :3, 0]
         half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
-        if not is_commanded and len(present.futures) > 1:
+        if not is_given and len(present.futures) > 1:
             sampled = [
                 se3.interpolate(future, present.times_s, times_s)[:, :3, 3]
                 for future in present.futures[1:]

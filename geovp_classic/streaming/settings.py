@@ -29,7 +29,7 @@ class LiveSettings:
     # Between two frames; after a longer gap, or a jump of the clock, all frames are forgotten.
     max_gap_s: float = 1.0
     min_frames: int = 4  # with fewer since a restart, no prediction is trusted
-    max_ahead_s: float = 2.5  # of the present after the last usable frame
+    max_ahead_s: float = 3.0  # of the present after the last usable frame
     min_covered: float = 0.3  # of the image; the rest is inpainted
     min_tracked: float = 0.5  # of the remembered frames
     path_s: float = 2.0  # length of the planned path, from the present on

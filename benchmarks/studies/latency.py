@@ -1,0 +1,227 @@
+"""Quality of a predictive display over the latency, next to what needs no prediction.
+
+Drives are streamed through the live predictor. At a frame's arrival, the present is the frame some
+tenths of a second later: shown are the late frame, the late frame shifted by the yaw since then,
+extrapolated optical flow, and live views with the forecast motion, with commanded speeds and yaw
+rates (the recorded ones with a constant error in each latency), and with the recorded motion. The
+last tables show what lost frames and jitter cost the forecast views.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geovp_benchmarks.analysis.intervals import interval
+from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.tables.formats import grid
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import planar, se3
+from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
+from geovp_classic.streaming import Command, LivePredictor
+from geovp_classic.types import ByteArray, Clip, Context, FloatArray
+from studies._figures import panels
+
+LATENCY_FRAMES = np.array([1, 2, 3, 5, 7, 10, 15, 20, 25])  # of 0.1 s
+NUM_WARM_UP = 12  # frames
+CHANNEL_LATENCY_S = 0.5
+METHODS = (
+    "late image",
+    "late image, shifted",
+    "flow extrapolation",
+    "live, forecast",
+    "live, commanded",
+    "live, recorded motion",
+)
+CHANNELS = {"clean": (0.0, 0.0), "5 % lost": (0.05, 0.0), "100 ms jitter": (0.0, 0.1)}
+
+
+@dataclass(frozen=True)
+class CommandErrors:
+    """Standard deviations of commands from the motion that results, constant in each latency."""
+
+    speed_fraction: float = 0.05
+    yaw_rate_rad_s: float = 0.01
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the drives, the metrics and the figure."""
+    add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
+    default = ("03[0:180)", "raw0095")  # train and val
+    text = f"Sequences or stretches of them. Default: {' '.join(default)}."
+    add(parser, "frames", "FRAMES", text, default, nargs="*")
+    add(parser, "--num-frames", "N", "Frames of a drive. Default: 90.", 90)
+    add(parser, "--every", "N", "Frames between two scored ones. Default: 5.", 5)
+    names = ("psnr", "ssim", "lpips")
+    add(parser, "--metrics", "NAME", "Default: psnr ssim lpips.", names, nargs="+")
+    add(parser, "--plot", "FIGURE", "File for curves: png, pdf or svg.")
+
+
+def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Yield tables over the latency and over faults of the channel; draw the first metric."""
+    if args.num_frames < NUM_WARM_UP + LATENCY_FRAMES[-1] + 2:
+        raise BadData(f"--num-frames is {args.num_frames}, expected 39 or more")
+    spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
+    spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
+    dataset = registry.build("datasets", spec)
+    metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
+    shown, roads, warned = [], [], []
+    channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
+    for index in tracked(range(len(dataset)), len(dataset), progress):
+        clip = dataset[index]
+        for views, real, fraction in presents(clip, args.every):
+            scores = [
+                [metric(frames, real, None) for metric in metrics.values()] for frames in views
+            ]
+            shown.append(np.array(scores))  # [method, metric, latency]
+            roads.append(index)
+            warned.append(fraction)
+        for name, (loss, jitter_s) in CHANNELS.items():
+            present, real = received(clip, args.every, loss, jitter_s, seed=index)
+            channels[name].append(
+                np.array([metric(present, real, None) for metric in metrics.values()])
+            )
+    values = np.array(shown)
+    yield f"{len(values)} presents of {len(dataset)} drives; the live views are replaced by the "
+    yield f"late image, with a warning, in {100 * np.mean(warned):.1f} % of the forecasts"
+    for column, name in enumerate(metrics):
+        means = values[:, :, column].mean(axis=0)
+        head = [name, *(f"{frames / 10:g} s" for frames in LATENCY_FRAMES)]
+        rows = [
+            [method, *(f"{mean:.3g}" for mean in row)]
+            for method, row in zip(METHODS, means, strict=True)
+        ]
+        yield ""
+        yield from grid([head, *rows])
+    yield ""
+    yield from gains(values, np.array(roads), list(metrics))
+    yield ""
+    rows = [
+        [name, *(f"{mean:.4g}" for mean in np.concatenate(scores, axis=1).mean(axis=1))]
+        for name, scores in channels.items()
+    ]
+    yield from grid([["channel at 0.5 s", *metrics], *rows])
+    if args.plot is not None:
+        draw(Path(args.plot), values[:, :, 0].mean(axis=0), next(iter(metrics)))
+
+
+def gains(values: FloatArray, roads: FloatArray, metrics: Sequence[str]) -> Iterator[str]:
+    """Yield the mean paired gains of the forecast views, with 95 % intervals."""
+    steps = np.flatnonzero(np.isin(LATENCY_FRAMES, (2, 5, 10, 20)))
+    rows = []
+    for column, metric in enumerate(metrics):
+        for reference in range(3):
+            gain = values[:, 3, column] - values[:, reference, column]
+            cells = []
+            for step in steps:
+                mean = interval(gain[:, step], roads)
+                cells.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
+            rows.append([f"{metric}: over {METHODS[reference]}", *cells])
+    head = ["gain of the forecast views", *(f"{LATENCY_FRAMES[step] / 10:g} s" for step in steps)]
+    yield from grid([head, *rows])
+
+
+def presents(
+    clip: Clip, every: int, errors: CommandErrors = CommandErrors()
+) -> Iterator[tuple[list[ByteArray], ByteArray, float]]:
+    """Yield the views [L, H, W, 3] of each method, the real frames, and the fraction of warnings,
+    for each scored frame.
+    """
+    assert clip.trajectory is not None
+    poses = clip.trajectory.world_from_cam
+    live = LivePredictor(clip.intrinsics, clip.camera_height_m)
+    rng = np.random.default_rng(0)
+    for step, (frame, time_s) in enumerate(zip(clip.frames, clip.times_s, strict=True)):
+        live.push(frame, time_s)
+        steps = step + LATENCY_FRAMES
+        if step < NUM_WARM_UP or step % every or steps[-1] >= len(clip):
+            continue
+        moved = se3.inverse(poses[step]) @ poses[steps]  # last_from_present
+        yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
+        commands = commanded(clip, range(step, steps[-1]), errors, rng)
+        forecast = [live.view(now_s) for now_s in clip.times_s[steps]]
+        recent = slice(step - 2, None)
+        context = Context(
+            frames=clip.frames[step - 2 : step + 1],
+            times_s=np.append(clip.times_s[recent][:3], clip.times_s[steps]),
+            intrinsics=clip.intrinsics,
+        )
+        views = [
+            np.repeat(frame[None], len(steps), axis=0),
+            np.stack([shifted(frame, clip.intrinsics.fx_px * np.tan(yaw)) for yaw in yaw_rad]),
+            FlowExtrapolation().predict(context).frames[0],
+            np.stack([view.frame for view in forecast]),
+            np.stack([live.view(now_s, commands).frame for now_s in clip.times_s[steps]]),
+            np.stack(
+                [
+                    live.view(now_s, last_from_present=motion).frame
+                    for now_s, motion in zip(clip.times_s[steps], moved, strict=True)
+                ]
+            ),
+        ]
+        warned = np.mean([not view.is_predicted for view in forecast])
+        yield views, clip.frames[steps], float(warned)
+
+
+def commanded(
+    clip: Clip, steps: Sequence[int], errors: CommandErrors, rng: np.random.Generator
+) -> list[Command]:
+    """Return the recorded speeds and yaw rates from each step to the next, with an error."""
+    assert clip.trajectory is not None
+    speed_error, yaw_error = rng.standard_normal(2)
+    commands = []
+    for step in steps:
+        pair = clip.trajectory.world_from_cam[step : step + 2]
+        _, ahead_m, yaw_rad = planar.reduce(pair, pair[0], planar.level_vehicle_from_cam())[1]
+        elapsed_s = clip.times_s[step + 1] - clip.times_s[step]
+        speed = ahead_m / elapsed_s * (1 + errors.speed_fraction * speed_error)
+        yaw_rate = yaw_rad / elapsed_s + errors.yaw_rate_rad_s * yaw_error
+        commands.append(Command(clip.times_s[step], speed, yaw_rate))
+    return commands
+
+
+def shifted(frame: ByteArray, left_px: float) -> ByteArray:
+    """Return the frame [H, W, 3] with its content shifted to the left."""
+    moved = cv2.warpAffine(
+        frame,
+        np.array([[1, 0, -left_px], [0, 1, 0]]),
+        frame.shape[1::-1],
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(moved, np.uint8)
+
+
+def received(
+    clip: Clip, every: int, loss: float, jitter_s: float, seed: int
+) -> tuple[ByteArray, ByteArray]:
+    """Return forecast views [N, H, W, 3] over a channel with faults, and the real frames."""
+    rng = np.random.default_rng(seed)
+    delays_s = CHANNEL_LATENCY_S + rng.uniform(0, jitter_s, len(clip))
+    arrivals_s = np.where(rng.random(len(clip)) < loss, np.inf, clip.times_s + delays_s)
+    live = LivePredictor(clip.intrinsics, clip.camera_height_m)
+    order = np.argsort(arrivals_s)
+    num_pushed = 0
+    views, real = [], []
+    for step, now_s in enumerate(clip.times_s):
+        while num_pushed < len(order) and arrivals_s[order[num_pushed]] <= now_s + 1e-6:
+            sent = order[num_pushed]
+            live.push(clip.frames[sent], clip.times_s[sent])
+            num_pushed += 1
+        if step >= 2 * NUM_WARM_UP and step % every == 0:
+            views.append(live.view(now_s).frame)
+            real.append(clip.frames[step])
+    return np.stack(views), np.stack(real)
+
+
+def draw(path: Path, means: FloatArray, metric: str) -> None:
+    """Draw the means [method, latency] of a metric."""
+    with panels(path, (4.5, 3.2), 1) as (axes,):
+        for method, row in zip(METHODS, means, strict=True):
+            axes.plot(LATENCY_FRAMES / 10, row, marker="o", markersize=3, label=method)
+        axes.set_xlabel("latency (s)")
+        axes.set_ylabel(metric)
