@@ -47,6 +47,7 @@ EXTRA_OF_MODULE = {
     "open3d": "volume",
     "av": "video",
     "argcomplete": "completion",
+    "aiohttp": "display",
     "onnx": "onnx",
     "onnxruntime": "pretrained",
     "transformers": "pretrained",

@@ -33,6 +33,7 @@ BENCHMARK_LAYERS = [
     {"tables"},
     {"plots", "running"},
     {"report", "predict", "audit", "evaluation"},
+    {"display"},
     {"cli"},
 ]
 NEVER_IMPORTED = {

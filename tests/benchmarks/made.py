@@ -11,12 +11,15 @@ from typing import Any
 import cv2
 import numpy as np
 
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Options
 from geovp_benchmarks.running.run import run
+from geovp_classic.data.windows import Recording
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
@@ -152,3 +155,32 @@ def write_images(folder: Path, frames: ByteArray, digits: int = 6) -> None:
 def intrinsics_of(camera: Intrinsics) -> list[float]:
     """Focal lengths and principal point."""
     return [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
+
+
+class Frames:
+    """Frames in memory, read like files."""
+
+    def __init__(self, frames: ByteArray) -> None:
+        self.frames = frames
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read(self, index: int) -> ByteArray:
+        """Return one frame [H, W, 3]."""
+        return self.frames[index]
+
+
+def street_source(frames: ByteArray, times_s: FloatArray | None = None) -> Source:
+    """Return a recording of the small street's camera for `geovp display`, by default at 10 Hz."""
+    clip = street.clip()
+    if times_s is None:
+        times_s = 20 + 0.1 * np.arange(len(frames))
+    recording = Recording(
+        "street",
+        Frames(frames),
+        times_s,
+        clip.intrinsics,
+        camera_height_m=clip.camera_height_m,
+    )
+    return Source(recording, range(len(frames)), frames.shape[2:0:-1])

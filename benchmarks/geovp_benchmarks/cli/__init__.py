@@ -31,6 +31,7 @@ COMMANDS = (
     "compare",
     "export",
     "predict",
+    "display",
     "poses",
     "forecast",
     "budget",

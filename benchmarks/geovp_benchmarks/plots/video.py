@@ -1,5 +1,7 @@
 """Predicted frames as an mp4 video and a gif."""
 
+import itertools
+from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,30 +17,33 @@ def film(
     actual: ByteArray,  # [F' <= F, H, W, 3], shown beside the prediction
 ) -> ByteArray:
     """Return the labelled frames [P + F, H', W', 3] of a video."""
-    seen = [_labelled(frame, "observed") for frame in observed]
-    left = np.array(seen + [_labelled(frame, "predicted") for frame in predicted])
+    seen = [labelled(frame, "observed") for frame in observed]
+    left = np.array(seen + [labelled(frame, "predicted") for frame in predicted])
     if not len(actual):
         return left
-    real = [_labelled(frame, "real") for frame in actual]
-    unrecorded = _labelled(np.zeros_like(predicted[0]), "not recorded")
+    real = [labelled(frame, "real") for frame in actual]
+    unrecorded = labelled(np.zeros_like(predicted[0]), "not recorded")
     right = seen + real + [unrecorded] * (len(predicted) - len(actual))
     return np.concatenate([left, right], axis=2)
 
 
-def write_mp4(path: Path, frames: ByteArray, rate_hz: float) -> None:
-    """Write frames [N, H, W, 3] as H.264 video that browsers play.
+def write_mp4(path: Path, frames: Iterable[ByteArray], rate_hz: float) -> None:
+    """Write frames, N of [H, W, 3], as H.264 video that browsers play.
 
     Odd sizes grow by a pixel, because the format stores colours at half resolution.
     """
     import av
 
-    height_px, width_px = frames.shape[1:3]
-    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+    remaining = iter(frames)
+    first = next(remaining)
+    height_px, width_px = first.shape[:2]
+    options = {"movflags": "faststart"}
+    with av.open(str(path), "w", format="mp4", options=options) as container:
         rate = Fraction(rate_hz).limit_denominator(1000)
         stream = container.add_stream("libx264", rate, {"crf": "18"})
         stream.height, stream.width = height_px + height_px % 2, width_px + width_px % 2
         stream.pix_fmt = "yuv420p"
-        for frame in frames:
+        for frame in itertools.chain([first], remaining):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
 
@@ -57,7 +62,7 @@ def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
     )
 
 
-def _labelled(frame: ByteArray, label: str) -> ByteArray:
+def labelled(frame: ByteArray, label: str) -> ByteArray:
     """Return a frame with an outlined label in its lower left corner."""
     frame = np.ascontiguousarray(frame).copy()
     scale = max(0.35, min(1.0, len(frame) / 400))

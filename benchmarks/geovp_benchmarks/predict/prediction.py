@@ -16,6 +16,7 @@ from geovp_classic import registry
 from geovp_classic.api import evaluate
 from geovp_classic.data import windows
 from geovp_classic.data.folder import Folder
+from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import FramePredictor
@@ -153,16 +154,7 @@ def predict(request: PredictionRequest) -> Predicted:
         name = registry.name_of(predictor)
         raise BadData(f"{name} needs {missing.name}, which a video does not have")
     announce("reading frames")
-    if request.path.is_dir() and request.rate_hz is None:
-        raise BadData(f"{request.path} is a folder of images, which have no times: give --fps")
-    folder = Folder(
-        path=request.path,
-        num_frames=2,
-        intrinsics=(1000.0, 1000.0, 0.0, 0.0),  # until the camera is found
-        frame_rate_hz=request.rate_hz,
-        camera_height_m=request.camera_height_m,
-    )
-    recording = folder.recording
+    recording = read_recording(request)
     num_past, num_frames = request.num_past, len(recording.frames)
     first = num_frames - num_past if request.first is None else request.first
     if not 0 <= first <= num_frames - num_past:
@@ -189,6 +181,23 @@ def predict(request: PredictionRequest) -> Predicted:
     prediction, scene = _run(predictor, context, request.num_samples)
     actual = clip.frames[num_past:]
     return Predicted(request, predictor, camera, context, first, prediction, scene, actual)
+
+
+def read_recording(request: PredictionRequest) -> Recording:
+    """Return a video or a folder of images, whose intrinsics are placeholders.
+
+    Raise BadData for a folder without a frame rate.
+    """
+    if request.path.is_dir() and request.rate_hz is None:
+        raise BadData(f"{request.path} is a folder of images, which have no times: give --fps")
+    folder = Folder(
+        path=request.path,
+        num_frames=2,
+        intrinsics=(1000.0, 1000.0, 0.0, 0.0),
+        frame_rate_hz=request.rate_hz,
+        camera_height_m=request.camera_height_m,
+    )
+    return folder.recording
 
 
 def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:

@@ -1,0 +1,131 @@
+"""Show the predicted present of a delayed video.
+
+Replay a recording or capture a camera, delay its images, and show the late image, the predicted
+present and the true present on a local page, or write them to a video.
+
+Examples:
+  geovp display drive.mp4 --fov 80 --camera-height 1.4 --latency 0.5
+  geovp display path/to/kitti --sequence '03[0:300)' --jitter 0.1 --loss 0.05 --out display.mp4
+  geovp display 0 --fov 70 --camera-height 1.2 --drive
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group, at_least
+from geovp_benchmarks.cli.predict import add_camera
+from geovp_benchmarks.progress import Progress, tracked
+
+if TYPE_CHECKING:
+    from geovp_benchmarks.display.session import Session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the input, the camera, the channel, the commands and the output."""
+    text = "Video, folder of images, data set, bag, or the number of a camera."
+    add(parser, "path", "INPUT", text, type=Path)
+    group = add_group(parser, "input")
+    text = "Frame rate; required for a folder of images. Default: that of the video."
+    add(group, "--fps", "X", text, dest="rate_hz")
+    text = "Sequence of a data set or a part of it, such as 03[0:360). Default: the first."
+    add(group, "--sequence", "NAME", text)
+    text = "WIDTHxHEIGHT, or side of a square. Default: aspect of the images, at most 480 px."
+    add(group, "--size", "SIZE", text, dest="size_px")
+    add_camera(parser)
+    group = add_group(parser, "simulated channel")
+    text = "Delay of each image in seconds, at most 10. Default: 0.5."
+    add(group, "--latency", "X", text, 0.5, dest="latency_s")
+    text = "Largest additional delay, uniformly distributed. Default: 0."
+    add(group, "--jitter", "X", text, 0.0, dest="jitter_s")
+    add(group, "--loss", "X", "Probability that an image is lost. Default: 0.", 0.0)
+    group = parser.add_argument_group("motion", "By default, the motion is forecast.")
+    motion = group.add_mutually_exclusive_group()
+    text = "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s."
+    add(motion, "--commands", "FILE", text)
+    add_flag(motion, "--drive", "Set speed and yaw rate on the page.")
+    group = add_group(parser, "page")
+    text = "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1."
+    add(group, "--host", "ADDRESS", text, "127.0.0.1")
+    text = "Port; 0: any free one. Default: 8765."
+    add(group, "--port", "PORT", text, 8765, type=at_least(0))
+    text = "Secret part of the page's address, to keep it over restarts. Default: random."
+    add(group, "--token", "TEXT", text)
+    group = add_group(parser, "output")
+    add_flag(group, "--dim", "Dim inpainted pixels; the page can change it.")
+    add(group, "--out", "FILE", "Write an mp4 file, and serve no page.")
+
+
+def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+    """Print the address of the page and serve it until interrupted, or write a video."""
+    from geovp_benchmarks.display.channel import Channel
+    from geovp_benchmarks.display.commands import Commands, Driver, PlannedCommands
+    from geovp_benchmarks.display.session import Session
+    from geovp_benchmarks.display.source import Source
+    from geovp_benchmarks.predict.request import PredictionRequest
+    from geovp_classic.errors import BadData
+
+    if args.out is not None and args.drive:
+        raise BadData("--out writes a video without a page to drive at: remove --drive")
+    channel = Channel(args.latency_s, args.jitter_s, args.loss)
+    commands: Commands = Driver() if args.drive else PlannedCommands()
+    if args.commands is not None:
+        commands = PlannedCommands.read(args.commands)
+    names = ("path", "rate_hz", "size_px", "intrinsics", "fov_deg", "calibration", "distortion")
+    given = {name: getattr(args, name) for name in (*names, "camera_height_m")}
+    source = Source.open(PredictionRequest(**given), args.sequence)
+    session = Session(source, channel, commands)
+    session.is_dimming = args.dim
+    if args.out is not None:
+        write_video(session, args.out, progress)
+        yield str(args.out)
+        return 0
+    yield from serve(session, args.host, args.port, args.token)
+    return 0
+
+
+def write_video(session: "Session", path: Path, progress: Progress) -> None:
+    """Write all views of a recording to an mp4 file."""
+    import importlib.util
+
+    import numpy as np
+
+    from geovp_benchmarks.display.drawing import side_by_side
+    from geovp_benchmarks.plots import video
+    from geovp_classic import registry
+    from geovp_classic.data.atomic import atomic_write
+    from geovp_classic.errors import BadData, MissingExtra
+
+    if importlib.util.find_spec("av") is None:
+        raise MissingExtra(f"--out needs PyAV: {registry.install_command('video')}")
+    if session.source.is_camera:
+        raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
+    if path.suffix != ".mp4":
+        raise BadData(f"--out is {path}, expected a file name that ends in .mp4")
+    times_s = session.source.times_s
+    views = tracked(session.render(), len(times_s), progress)
+    frames = (side_by_side(shown.panels) for shown in views)
+    with atomic_write(path) as scratch:
+        video.write_mp4(scratch, frames, 1 / float(np.median(np.diff(times_s))))
+
+
+def serve(session: "Session", host: str, port: int, token: str | None) -> LinesAndCode:
+    """Print the page's address and serve it until interrupted."""
+    import asyncio
+    import contextlib
+    import secrets
+
+    from geovp_classic import registry
+    from geovp_classic.errors import MissingExtra
+
+    try:
+        from geovp_benchmarks.display import server
+    except ImportError as error:
+        command = registry.install_command("display")
+        raise MissingExtra(f"the page needs aiohttp ({error}): {command}") from error
+    token = token or secrets.token_urlsafe()
+    listener = server.listen(host, port)
+    yield server.address(listener, token)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(server.Server(session, token).run(listener))
+    return 0

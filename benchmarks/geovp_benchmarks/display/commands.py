@@ -1,0 +1,78 @@
+"""Commanded motion: from a CSV file, or from the driver at the page."""
+
+import csv
+import io
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from geovp_classic import files
+from geovp_classic.streaming import Command
+
+COLUMNS = ["time_s", "speed_m_s", "yaw_rate_rad_s"]
+
+
+class Commands(Protocol):
+    """Commands by the present time; empty if the motion is to be forecast."""
+
+    def at(self, now_s: float) -> Sequence[Command]:
+        """Return the commands up to the present, in increasing time."""
+
+
+@dataclass(frozen=True)
+class PlannedCommands:
+    """Commands with the times of the recording."""
+
+    commands: tuple[Command, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> "PlannedCommands":
+        """Read a CSV file; BadData if columns are missing, or times decrease."""
+        text = files.read_text(path, files.MIB)
+        header = ",".join(COLUMNS)
+        expected = f"the first line must be {header}, then three numbers a line in increasing time"
+        with files.checked(f"{path} is not a file of commands", expected):
+            first, *lines = csv.reader(io.StringIO(text))
+            if first != COLUMNS:
+                raise ValueError(f"its first line is {','.join(first)}")
+            table = np.array([line for line in lines if line], float)
+            if table.ndim != 2 or table.shape[1] != len(COLUMNS):
+                raise ValueError("it has no line of three numbers")
+            if not np.isfinite(table).all() or (np.diff(table[:, 0]) < 0).any():
+                raise ValueError("a number is not finite, or times decrease")
+        return cls(tuple(Command(*row) for row in table.tolist()))
+
+    def at(self, now_s: float) -> Sequence[Command]:
+        """Return all commands; later ones plan the path."""
+        return self.commands
+
+
+class Driver:
+    """Commands of the driver at the page, with the times of this computer's clock."""
+
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, max_commands: int = 256
+    ) -> None:
+        self._clock = clock
+        self._commands: deque[Command] = deque(maxlen=max_commands)
+
+    def steer(self, speed_m_s: float, yaw_rate_rad_s: float) -> None:
+        """Set speed and yaw rate from now on."""
+        self._commands.append(Command(self._clock(), speed_m_s, yaw_rate_rad_s))
+
+    def release(self) -> None:
+        """Forget all commands, so that the motion is forecast again."""
+        self._commands.clear()
+
+    def at(self, now_s: float) -> Sequence[Command]:
+        """Return the commands in the time of the images, where it is `now_s`."""
+        offset_s = now_s - self._clock()
+        return [
+            Command(command.time_s + offset_s, command.speed_m_s, command.yaw_rate_rad_s)
+            for command in tuple(self._commands)
+        ]

@@ -1,0 +1,67 @@
+"""Drawings in images: the planned path, inpainted pixels, warnings, and panels side by side."""
+
+import textwrap
+
+import cv2
+import numpy as np
+
+from geovp_benchmarks.plots.video import labelled
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
+
+PATH_RGB = (64, 220, 120)
+WARNING_RGB = (200, 30, 30)
+
+
+def draw_path(
+    frame: ByteArray,  # [H, W, 3]
+    path_px: FloatArray,  # [M, 2], NaN behind the camera
+    sides_px: FloatArray,  # [2, M, 2], left and right edge of its uncertainty
+    opacity: float = 0.35,
+) -> ByteArray:
+    """Return the frame with a line along the path, and its uncertainty as a translucent area."""
+    is_ahead = np.isfinite(path_px).all(axis=-1) & np.isfinite(sides_px).all(axis=(0, 2))
+    if is_ahead.sum() < 2:
+        return frame
+    limit_px = 10.0 * max(frame.shape)  # OpenCV's coordinates are 16 bits here
+    left, right = np.clip(sides_px[:, is_ahead], -limit_px, limit_px)
+    outline = np.concatenate([left, right[::-1]])
+    area = frame.copy()
+    cv2.fillPoly(area, [_pixels(outline)], PATH_RGB, cv2.LINE_AA)
+    drawn = cv2.addWeighted(area, opacity, frame, 1 - opacity, 0)
+    line = np.clip(path_px[is_ahead], -limit_px, limit_px)
+    return cv2.polylines(drawn, [_pixels(line)], False, PATH_RGB, 2, cv2.LINE_AA)
+
+
+def dim_inpainted(frame: ByteArray, covered: BoolArray, brightness: float = 0.4) -> ByteArray:
+    """Return the frame [H, W, 3] with darker inpainted pixels."""
+    factor = np.where(covered, 1.0, brightness)[..., None]
+    return (frame * factor).astype(np.uint8)
+
+
+def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
+    """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
+    drawn = np.ascontiguousarray(frame).copy()
+    height_px, width_px = drawn.shape[:2]
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.35, min(1.0, height_px / 400))
+    text = f"WARNING: {warning}"
+    (text_px, line_px), _ = cv2.getTextSize(text, font, scale, 1)
+    characters = int((width_px - 20) * len(text) / text_px)
+    lines = textwrap.wrap(text, max(8, characters))
+    step_px = line_px + 6
+    bottom_px = step_px * len(lines) + 4
+    cv2.rectangle(drawn, (0, 0), (width_px - 1, bottom_px), WARNING_RGB, cv2.FILLED)
+    cv2.rectangle(drawn, (0, 0), (width_px - 1, height_px - 1), WARNING_RGB, 4)
+    for number, line in enumerate(lines, 1):
+        corner_px = (6, step_px * number - 2)
+        cv2.putText(drawn, line, corner_px, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def side_by_side(panels: dict[str, ByteArray]) -> ByteArray:
+    """Return the panels [H, W, 3] in a row [H, N W, 3], labelled with their names."""
+    return np.concatenate([labelled(frame, name) for name, frame in panels.items()], axis=1)
+
+
+def _pixels(points_px: FloatArray) -> IntArray:
+    """Return points [M, 2] as OpenCV draws them, rounded to whole pixels."""
+    return np.rint(points_px).astype(np.int32)[:, None]

@@ -1,0 +1,192 @@
+"""A display session: takes images, delays them, predicts the present and shows it."""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_benchmarks.display import drawing
+from geovp_benchmarks.display.channel import Channel, InFlight, Sent
+from geovp_benchmarks.display.commands import Commands, Driver
+from geovp_benchmarks.display.source import Source
+from geovp_classic.errors import Incompatible
+from geovp_classic.streaming import LivePredictor, LiveView
+from geovp_classic.types import ByteArray
+
+TICK_S = 0.04  # between two views of a driver
+Publish = Callable[["Shown"], None]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the display shows at an instant."""
+
+    panels: dict[str, ByteArray]  # [H, W, 3] each, by name
+    warning: str | None  # why the late image is shown in place of a prediction
+    age_s: float | None  # of the late image
+    confidence: float  # in [0, 1]
+    is_dimming: bool = False  # of inpainted pixels
+
+
+class Session:
+    """The state of a display: images on their way, the predictor, and how its views are drawn."""
+
+    def __init__(self, source: Source, channel: Channel, commands: Commands) -> None:
+        """Check the source and the commands.
+
+        Raise Incompatible for commands without the camera's height.
+        """
+        self.source = source
+        self.channel = channel
+        self.commands = commands
+        self.is_dimming = False  # of inpainted pixels
+        height_m = source.recording.camera_height_m
+        if height_m is None and (isinstance(commands, Driver) or commands.at(0.0)):
+            raise Incompatible(
+                "commands are in metres, but the scale is unknown: give --camera-height"
+            )
+        self.live = LivePredictor(source.intrinsics, height_m)
+        self._restart()
+
+    def render(self) -> Iterator[Shown]:
+        """Yield a view of each frame of a recording, as fast as possible."""
+        for step, (time_s, now_s) in enumerate(
+            zip(self.source.times_s, self.source.due_s(), strict=True)
+        ):
+            frame = self.source.read(step)
+            self._in_flight.send(step, frame, time_s, now_s)
+            for sent in self._in_flight.receive(now_s):
+                self._push(sent)
+            yield self.look(time_s, frame)
+
+    def run(self, publish: Publish, stop: threading.Event) -> None:
+        """Show views on the wall clock until `stop` is set; a recording starts again at its end.
+
+        When views take longer than frames, frames are dropped.
+        """
+        play = self._capture if self.source.is_camera else self._replay
+        while not stop.is_set():
+            self._restart()
+            with self._pushing(stop):
+                play(publish, stop)
+
+    def look(self, now_s: float, true: ByteArray | None) -> Shown:
+        """Predict the present and draw it beside the late image and the true present."""
+        late = self._late
+        if late is None:
+            black = np.zeros((*self.source.size_px[::-1], 3), np.uint8)
+            return self._shown(black, black, true, "no image has arrived yet", None, 0.0)
+        age_s = now_s - late.time_s
+        warning: str | None
+        try:
+            view = self.live.view(now_s, self.commands.at(now_s))
+        except Incompatible:  # while a push starts anew
+            warning = "the images were interrupted: starting anew"
+            return self._shown(late.frame, late.frame, true, warning, age_s, 0.0)
+        warning = view.warning
+        if warning is None and min(age_s, view.age_s) < 0:
+            warning = "the clock jumped: the newest image is from the future"
+        frame = late.frame if warning else self._draw(view)
+        return self._shown(late.frame, frame, true, warning, age_s, view.confidence)
+
+    def _draw(self, view: LiveView) -> ByteArray:
+        frame = view.frame
+        if self.is_dimming:
+            frame = drawing.dim_inpainted(frame, view.covered)
+        return drawing.draw_path(frame, view.path_px, view.path_sides_px)
+
+    def _shown(
+        self,
+        late: ByteArray,
+        frame: ByteArray,
+        true: ByteArray | None,
+        warning: str | None,
+        age_s: float | None,
+        confidence: float,
+    ) -> Shown:
+        age = "" if age_s is None else f", {age_s:.2f} s old"
+        panels = {f"late image{age}": late}
+        if warning is None:
+            panels["predicted present"] = frame
+        else:
+            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
+            confidence = 0.0
+        if true is not None:
+            panels["true present"] = true
+        return Shown(panels, warning, age_s, confidence, self.is_dimming)
+
+    def _restart(self) -> None:
+        """Forget all images and start the clock."""
+        self.live.reset()
+        self._in_flight = InFlight(self.channel)
+        self._late: Sent | None = None  # the newest image that the predictor has
+        self._start_s = time.monotonic()
+
+    def _elapsed_s(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def _replay(self, publish: Publish, stop: threading.Event) -> None:
+        """Replay a recording once, with a view of each frame, or more often for a driver."""
+        times_s, due_s = self.source.times_s, self.source.due_s()
+        is_driven = isinstance(self.commands, Driver)
+        step = -1
+        while not stop.is_set():
+            elapsed_s = self._elapsed_s()
+            newest = int(np.searchsorted(due_s, elapsed_s, side="right")) - 1
+            if newest > step:  # frames between them are dropped
+                step = newest
+                frame = self.source.read(step)
+                self._in_flight.send(step, frame, times_s[step], elapsed_s)
+            ahead_s = elapsed_s - due_s[step] if is_driven else 0.0
+            publish(self.look(times_s[step] + ahead_s, frame))
+            if step + 1 == len(times_s):
+                return
+            wait_s = due_s[step + 1] - self._elapsed_s()
+            stop.wait(max(0.0, min(wait_s, TICK_S) if is_driven else wait_s))
+
+    def _capture(self, publish: Publish, stop: threading.Event) -> None:
+        """Show a view of each image of a camera."""
+        for number in itertools.count():
+            frame = self.source.read(0)
+            if stop.is_set():
+                return
+            now_s = self._elapsed_s()
+            self._in_flight.send(number, frame, now_s, now_s)
+            publish(self.look(now_s, frame))
+
+    def _push(self, sent: Sent) -> None:
+        """Give an image to the predictor, unless a later one has overtaken it."""
+        if self._late is not None and sent.number < self._late.number:
+            return
+        if self.live.push(sent.frame, sent.time_s).status != "late":
+            self._late = sent
+
+    @contextmanager
+    def _pushing(self, stop: threading.Event) -> Iterator[None]:
+        """Push arriving images in a thread; its exception sets `stop` and is raised at the end."""
+        is_done = threading.Event()
+
+        def push() -> None:
+            try:
+                while not is_done.is_set():
+                    arrived = self._in_flight.receive(self._elapsed_s())
+                    if arrived:  # those that waited for the predictor are dropped
+                        self._push(max(arrived, key=lambda sent: sent.number))
+                    else:
+                        is_done.wait(0.005)
+            except BaseException:
+                stop.set()
+                raise
+
+        with ThreadPoolExecutor(1) as pool:
+            pushing = pool.submit(push)
+            try:
+                yield
+            finally:
+                is_done.set()
+            pushing.result()

@@ -1,0 +1,138 @@
+"""Images of a recording or of a camera at this computer, at the size of the display."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import cv2
+import numpy as np
+
+from geovp_benchmarks.predict.camera import find_camera
+from geovp_benchmarks.predict.prediction import read_recording
+from geovp_benchmarks.predict.request import PredictionRequest, output_size
+from geovp_classic import registry
+from geovp_classic.data import layouts
+from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+
+DISPLAY_WIDTH_PX = 480  # about 6 pushed frames per second on two cores
+
+
+class CameraFrames:
+    """The images of a camera at this computer; each read waits for the next one."""
+
+    def __init__(self, number: int) -> None:
+        """Open a camera; BadData if there is none with this number."""
+        self.number = number
+        self._capture = cv2.VideoCapture(number)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older images would only add delay
+
+    def __len__(self) -> int:
+        return 1
+
+    def read(self, index: int = 0) -> ByteArray:
+        """Return the next image [H, W, 3]; BadData if the camera delivers none."""
+        is_read, image = self._capture.read()
+        if not is_read:
+            raise BadData(
+                f"camera {self.number} delivers no images: check that it is connected and that no "
+                "other program uses it, or give another number"
+            )
+        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Images that are replayed with the times of their recording, or captured now."""
+
+    recording: Recording  # of one frame if it is a camera
+    numbers: range  # of the frames that are replayed
+    size_px: tuple[int, int]  # (width, height)
+    is_camera: bool = False
+
+    @classmethod
+    def open(cls, request: PredictionRequest, sequence: str | None = None) -> Self:
+        """Open a video, a folder of images, a data set, a bag, or a camera by its number.
+
+        Raise BadData if the camera's intrinsics or the frame rate are missing, or if the data set
+        has others.
+        """
+        path, is_camera = request.path, request.path.name.isdecimal() and not request.path.exists()
+        if is_camera:
+            recording = _camera(request)
+            numbers = range(1)
+        elif layouts.detect(path)[0] == "folder":
+            if sequence is not None:
+                raise BadData(f"{path} has no sequences: remove --sequence")
+            recording = read_recording(request)
+            numbers = range(len(recording.frames))
+            _, recording = find_camera(recording, len(numbers), request)
+        else:
+            recording, numbers = _sequence(request, sequence)
+        stored = recording.intrinsics
+        size_px = request.size_px or output_size(
+            stored.width_px, stored.height_px, DISPLAY_WIDTH_PX
+        )
+        return cls(recording, numbers, size_px, is_camera)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Return the camera of the displayed images."""
+        return pinhole.centre_crop(self.recording.intrinsics, self.size_px)[1]
+
+    @property
+    def times_s(self) -> FloatArray:
+        """Return when the replayed frames were taken [N]."""
+        return self.recording.times_s[self.numbers]
+
+    def read(self, step: int) -> ByteArray:
+        """Return a replayed frame [H, W, 3]; of a camera, wait for the next image."""
+        window, _ = pinhole.centre_crop(self.recording.intrinsics, self.size_px)
+        frame = self.recording.frames.read(self.numbers[step])
+        return pinhole.resize(frame[window], self.size_px)
+
+    def due_s(self, max_gap_s: float = 1.0) -> FloatArray:
+        """Return when each frame is replayed [N], in seconds since the start.
+
+        Longer gaps and jumps of the recording's clock are not waited for.
+        """
+        steps_s = np.clip(np.diff(self.times_s), 0, max_gap_s)
+        return np.concatenate([[0.0], np.cumsum(steps_s)])
+
+
+def _camera(request: PredictionRequest) -> Recording:
+    """Return a recording of one frame, which is always the next image of a camera."""
+    if request.fov_deg is None and request.intrinsics is None and request.calibration is None:
+        raise BadData("a camera needs its intrinsics: give --fov, --calibration or --intrinsics")
+    frames = CameraFrames(int(request.path.name))
+    height_px, width_px = frames.read().shape[:2]
+    placeholder = Intrinsics(width_px, width_px, 0.0, 0.0, width_px, height_px)
+    recording = Recording(
+        f"camera {frames.number}",
+        frames,
+        np.zeros(1),
+        placeholder,
+        camera_height_m=request.camera_height_m,
+    )
+    return find_camera(recording, 1, request)[1]
+
+
+def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recording, range]:
+    """Return a recording of a data set, by default the first, and the numbers of its frames."""
+    given = (request.fov_deg, request.intrinsics, request.calibration, request.rate_hz)
+    if any(value is not None for value in given):
+        raise BadData(
+            f"{request.path} has its own calibration and times: remove --fov, --intrinsics, "
+            "--calibration and --fps"
+        )
+    table = {**layouts.spec(Path(request.path)), "num_frames": 2}
+    if sequence is not None:
+        table["sequences"] = [sequence]
+    if request.camera_height_m is not None:
+        table["camera_height_m"] = request.camera_height_m
+    dataset = registry.build("datasets", table)
+    part = dataset.ranges[0]
+    recording = dataset.recordings[part.sequence]
+    return recording, range(len(recording.frames))[part.first : part.last]

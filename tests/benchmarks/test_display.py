@@ -1,0 +1,291 @@
+"""`geovp display`: channel, commands, drawings and sessions."""
+
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.display import drawing
+from geovp_benchmarks.display.channel import Channel, InFlight
+from geovp_benchmarks.display.commands import Driver, PlannedCommands
+from geovp_benchmarks.display.session import Session, Shown
+from geovp_benchmarks.display.source import Source
+from geovp_benchmarks.predict.request import PredictionRequest
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.streaming import Command
+from geovp_classic.types import ByteArray, FloatArray
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import street_source, write_images
+
+CLIP = street.clip(num_frames=24)
+FRAME = np.full((60, 80, 3), 100, np.uint8)
+FORECAST = PlannedCommands()
+
+
+def views(
+    frames: ByteArray,
+    channel: Channel,
+    times_s: FloatArray | None = None,
+    commands: PlannedCommands = FORECAST,
+) -> list[Shown]:
+    session = Session(street_source(frames, times_s), channel, commands)
+    return list(session.render())
+
+
+def is_shown_late(shown: Shown) -> bool:
+    """Return whether the second panel is the late image below its banner."""
+    late, other = list(shown.panels.values())[:2]
+    return bool((late[-30:-4, 4:-4] == other[-30:-4, 4:-4]).all())
+
+
+class TestChannel:
+    def test_delays_are_reproducible_and_within_bounds(self) -> None:
+        channel = Channel(0.5, 0.2, 0.3, seed=1)
+        delays = [channel.delay_s(number) for number in range(2000)]
+        assert delays == [channel.delay_s(number) for number in range(2000)]
+        arrived = [delay for delay in delays if delay is not None]
+        assert 0.5 <= min(arrived) < max(arrived) <= 0.7
+        # 1400 are expected to arrive, with a standard deviation of 20
+        assert abs(len(arrived) - 1400) < 80
+
+    def test_jitter_reorders_and_nothing_arrives_early(self) -> None:
+        in_flight = InFlight(Channel(0.1, 0.5))
+        order = []
+        for number in range(40):
+            now_s = number * 0.1
+            in_flight.send(number, FRAME, now_s, now_s)
+            for sent in in_flight.receive(now_s):
+                assert 0.1 <= now_s - sent.time_s <= 0.7
+                order.append(sent.number)
+        assert order != sorted(order)
+        assert len(order) == len(set(order)) > 30
+
+    @pytest.mark.parametrize("settings", [{"loss": 1.5}, {"latency_s": -1}, {"jitter_s": 99}])
+    def test_impossible_settings_are_refused(self, settings: dict[str, float]) -> None:
+        with pytest.raises(BadData, match="expected"):
+            Channel(**settings)  # type: ignore[arg-type]
+
+
+class TestCommands:
+    def test_a_file_is_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "drive.csv"
+        path.write_text("time_s,speed_m_s,yaw_rate_rad_s\n0,8,0\n1.5,7.5,-0.1\n")
+        assert PlannedCommands.read(path).at(1.0) == (Command(0, 8, 0), Command(1.5, 7.5, -0.1))
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "",
+            "a,b,c\n0,1,2\n",
+            "0,8,0\n",
+            "@\n",
+            "@\n0,8\n",
+            "@\n0,nan,0\n",
+            "@\n0,8,0\n1,x,0",
+            "@\n2,8,0\n1,8,0",
+        ],
+    )
+    def test_another_file_is_refused(self, tmp_path: Path, text: str) -> None:
+        path = tmp_path / "drive.csv"
+        path.write_text(text.replace("@", "time_s,speed_m_s,yaw_rate_rad_s"))
+        with pytest.raises(BadData, match="is not a file of commands"):
+            PlannedCommands.read(path)
+
+    def test_a_driver_has_the_time_of_the_images(self) -> None:
+        clock = [100.0]
+        driver = Driver(lambda: clock[0], max_commands=3)
+        assert driver.at(5.0) == []
+        for speed_m_s in range(5):
+            driver.steer(speed_m_s, 0.1)
+            clock[0] += 1.0
+        # The last of three commands was given a second ago.
+        assert driver.at(5.0) == [Command(2, 2, 0.1), Command(3, 3, 0.1), Command(4, 4, 0.1)]
+        driver.release()
+        assert driver.at(5.0) == []
+
+
+class TestDrawing:
+    def test_a_path_colours_its_area_and_skips_what_is_behind(self) -> None:
+        path_px = np.array([[np.nan, np.nan], [40, 59], [40, 30], [1e7, -1e7]])
+        half_px = np.array([10.0, 0.0])
+        sides_px = np.stack([path_px - half_px, path_px + half_px])
+        drawn = drawing.draw_path(FRAME, path_px[:3], sides_px[:, :3])
+        assert np.abs(drawn[45, 40].astype(int) - drawing.PATH_RGB).max() < 10
+        assert drawn[45, 35, 1] > 100 > drawn[45, 35, 0]
+        assert (drawn[:, :25] == 100).all()
+        assert drawing.draw_path(FRAME, path_px, sides_px).shape == FRAME.shape
+        empty = drawing.draw_path(FRAME, np.zeros((0, 2)), np.zeros((2, 0, 2)))
+        assert (empty == FRAME).all()
+        assert (FRAME == 100).all()
+
+    def test_inpainted_pixels_are_dimmed(self) -> None:
+        covered = np.ones(FRAME.shape[:2], bool)
+        covered[:10] = False
+        dimmed = drawing.dim_inpainted(FRAME, covered)
+        assert (dimmed[:10] == 40).all()
+        assert (dimmed[10:] == 100).all()
+
+    @pytest.mark.parametrize("size_px", [(80, 60), (640, 200)])
+    def test_a_warning_is_red_and_readable(self, size_px: tuple[int, int]) -> None:
+        frame = np.zeros((*size_px[::-1], 3), np.uint8)
+        drawn = drawing.draw_warning(frame, "the scene does not explain the earlier frames")
+        assert (drawn[0, 0] == drawing.WARNING_RGB).all()
+        assert (drawn == 255).any()
+        assert not frame.any()
+
+
+class TestSession:
+    def test_the_present_is_predicted_better_than_the_late_image(self) -> None:
+        shown = views(CLIP.frames, Channel(0.2))
+        assert [view.warning is None for view in shown[-10:]] == [True] * 10
+        assert list(shown[-1].panels)[1:] == ["predicted present", "true present"]
+        assert shown[-1].age_s == pytest.approx(0.2)
+        errors = np.array(
+            [
+                [np.abs(frame - true.astype(float)).mean() for frame in others]
+                for *others, true in (view.panels.values() for view in shown[-10:])
+            ]
+        )
+        late, predicted = errors.mean(axis=0)
+        assert predicted < 0.8 * late
+
+    def test_without_an_image_there_is_a_warning(self) -> None:
+        shown = views(CLIP.frames[:6], Channel(1.0))
+        assert {view.warning for view in shown} == {"no image has arrived yet"}
+        assert {view.age_s for view in shown} == {None}
+
+    def test_black_images_raise_a_warning(self) -> None:
+        frames = CLIP.frames.copy()
+        frames[14:] = 0
+        shown = views(frames, Channel(0.1))
+        assert shown[14].warning is None  # the first black image has not arrived
+        assert all(view.warning and is_shown_late(view) for view in shown[15:])
+
+    def test_loss_and_jitter_are_survived(self) -> None:
+        shown = views(CLIP.frames, Channel(0.1, 0.3, 0.3))
+        assert sum(view.warning is None for view in shown) >= 8
+        ages_s = [view.age_s for view in shown if view.age_s is not None]
+        assert 0.1 <= min(ages_s) < max(ages_s) < 1
+
+    @pytest.mark.parametrize("jump_s", [-0.5, -100.0, 100.0])
+    def test_after_a_jump_of_the_clock_the_late_image_is_shown(self, jump_s: float) -> None:
+        times_s = CLIP.times_s[:18] + np.where(np.arange(18) < 8, 0, jump_s)
+        shown = views(CLIP.frames[:18], Channel(0.1), times_s)
+        assert shown[7].warning is None
+        assert shown[8].warning is not None
+        assert is_shown_late(shown[8])
+        assert shown[-1].warning is None
+
+    def test_commands_replace_the_forecast(self) -> None:
+        stop = PlannedCommands((Command(0.0, 0.0, 0.0),))
+        late, predicted, true = views(CLIP.frames[:16], Channel(0.2), commands=stop)[
+            -1
+        ].panels.values()
+        is_clear = (predicted == late).all(axis=-1)
+        assert is_clear.mean() > 0.5 > (true == late).all(axis=-1).mean()
+
+    def test_commands_need_the_cameras_height(self) -> None:
+        source = street_source(CLIP.frames)
+        source = replace(source, recording=replace(source.recording, camera_height_m=None))
+        with pytest.raises(Incompatible, match="--camera-height"):
+            Session(source, Channel(), Driver())
+
+    def test_a_replay_keeps_to_the_clock_and_starts_again(self) -> None:
+        session = Session(street_source(CLIP.frames[:5]), Channel(0.1), Driver())
+        stop, shown = threading.Event(), []
+
+        def publish(view: Shown) -> None:
+            shown.append((time.monotonic(), view))
+            if len(shown) > 10 and view.age_s is None:  # it started again
+                stop.set()
+
+        session.run(publish, stop)
+        times_s = [time_s for time_s, _ in shown]
+        assert 0.35 < times_s[-1] - times_s[0] < 2
+        assert len(shown) > 10  # of 5 frames: a driver gets views between them
+
+    def test_a_failure_of_the_predictor_ends_the_session(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        session = Session(street_source(CLIP.frames), Channel(0.0), FORECAST)
+
+        def fail(*_: object) -> None:
+            raise BadData("the road ended")
+
+        monkeypatch.setattr(session.live, "push", fail)
+        with pytest.raises(BadData, match="the road ended"):
+            session.run(lambda _: None, threading.Event())
+
+
+class TestSource:
+    def test_a_jump_of_the_clock_is_not_waited_for(self) -> None:
+        source = street_source(CLIP.frames[:4], np.array([0, 0.1, 50.1, 50.0]))
+        assert source.due_s() == pytest.approx([0, 0.1, 1.1, 1.1])
+
+    def test_a_camera_delivers_its_next_image(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        class Camera:
+            images = [CLIP.frames[0][..., ::-1]] * 3
+
+            def __init__(self, number: int) -> None:
+                assert number == 0
+
+            def set(self, *_: object) -> None: ...
+
+            def read(self) -> tuple[bool, ByteArray | None]:
+                return (True, self.images.pop()) if self.images else (False, None)
+
+        monkeypatch.setattr(cv2, "VideoCapture", Camera)
+        with pytest.raises(BadData, match="a camera needs its intrinsics"):
+            Source.open(PredictionRequest(Path("0")))
+        source = Source.open(PredictionRequest(Path("0"), fov_deg=70))
+        assert source.is_camera
+        assert (source.read(0) == CLIP.frames[0]).all()
+        session = Session(source, Channel(), FORECAST)
+        with pytest.raises(BadData, match="delivers no images"):
+            session.run(lambda _: None, threading.Event())
+
+    def test_a_data_set_has_its_calibration(self, tmp_path: Path) -> None:
+        folder = tmp_path / "sequences" / "07"
+        write_images(folder / "image_0", CLIP.frames[:9])
+        (folder / "calib.txt").write_text("P0: 150 0 63.5 0 0 150 63.5 0 0 0 1 0\n")
+        (folder / "times.txt").write_text("\n".join(map(str, CLIP.times_s[:9])))
+        source = Source.open(PredictionRequest(tmp_path, size_px=(64, 64)), "07[2:9)")
+        assert source.times_s == pytest.approx(CLIP.times_s[2:9])
+        assert source.read(0).shape == (64, 64, 3)
+        assert source.intrinsics.fx_px == 75
+        assert source.recording.camera_height_m == 1.65
+        with pytest.raises(BadData, match="remove --fov"):
+            Source.open(PredictionRequest(tmp_path, fov_deg=70))
+
+
+def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:
+    write_images(tmp_path / "images", CLIP.frames[:8])
+    out = tmp_path / "display.mp4"
+    arguments = ["--fps", "10", "--fov", "70", "--latency", "0.1", "--size", "96x64"]
+    assert printed("display", tmp_path / "images", *arguments, "--out", out).strip() == str(out)
+    with av.open(str(out)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert np.shape(frames) == (8, 64, 3 * 96, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--fps 10 --fov 70 --out x.avi", "ends in .mp4"),
+        ("--fps 10 --fov 70 --drive", "--camera-height"),
+        ("--fps 10 --fov 70 --sequence 03", "remove --sequence"),
+        ("--fps 10 --fov 70 --loss 2", "probability"),
+        ("--fov 70", "give --fps"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(
+    tmp_path: Path, refused: Says, words: str, message: str
+) -> None:
+    write_images(tmp_path / "images", CLIP.frames[:3])
+    assert message in refused("display", tmp_path / "images", *words.split())
