@@ -106,6 +106,9 @@ class TestCommands:
             clock[0] += 1.0
         # The last of three commands was given a second ago.
         assert driver.at(5.0) == [Command(2, 2, 0.1), Command(3, 3, 0.1), Command(4, 4, 0.1)]
+        clock[0] += 2.0
+        assert driver.at(5.0) == []  # silent for too long
+        driver.steer(1, 0.0)
         driver.release()
         assert driver.at(5.0) == []
 

@@ -5,7 +5,7 @@ import io
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -53,12 +53,16 @@ class PlannedCommands:
 
 
 class Driver:
-    """Commands of the driver at the page, with the times of this computer's clock."""
+    """Commands of the driver at the page, who repeats the last one until the next."""
 
     def __init__(
-        self, clock: Callable[[], float] = time.monotonic, max_commands: int = 256
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        max_commands: int = 256,
+        max_silence_s: float = 2.0,  # pages in the background send once per second
     ) -> None:
         self._clock = clock
+        self._max_silence_s = max_silence_s
         self._commands: deque[Command] = deque(maxlen=max_commands)
 
     def steer(self, speed_m_s: float, yaw_rate_rad_s: float) -> None:
@@ -71,8 +75,7 @@ class Driver:
 
     def at(self, now_s: float) -> Sequence[Command]:
         """Return the commands in the time of the images, where it is `now_s`."""
-        offset_s = now_s - self._clock()
-        return [
-            Command(command.time_s + offset_s, command.speed_m_s, command.yaw_rate_rad_s)
-            for command in tuple(self._commands)
-        ]
+        commands, clock_s = tuple(self._commands), self._clock()
+        if commands and clock_s - commands[-1].time_s > self._max_silence_s:
+            return []
+        return [replace(command, time_s=command.time_s - clock_s + now_s) for command in commands]
