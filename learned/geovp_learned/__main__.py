@@ -31,9 +31,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m geovp_learned", description="Train the learned parts."
     )
     verbs = parser.add_subparsers(dest="verb", required=True)
-    train = verbs.add_parser(
-        "train", help="train a method; an interrupted run goes on when started again"
-    )
+    train = verbs.add_parser("train", help="train a method")
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
     train.add_argument(
         "config",
@@ -55,7 +53,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_changes(train)
     train.add_argument(
-        "--limit-seconds", type=float, metavar="S", help="stop after S seconds of training"
+        "--resume", action="store_true", help="go on with the run in the folder, if there is one"
+    )
+    train.add_argument(
+        "--limit-seconds",
+        type=float,
+        default=float("inf"),
+        metavar="S",
+        help="stop after S seconds of training",
     )
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
@@ -67,7 +72,9 @@ def _parser() -> argparse.ArgumentParser:
         help="its training config; adds the command",
     )
     _add_changes(card)
-    card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
+    card.add_argument(
+        "--log", type=Path, metavar="metrics.csv", help="the run's log; adds its curves"
+    )
     export = verbs.add_parser("export", help="write a network as an ONNX file")
     export.add_argument("name", help="deepvo, lpips")
     export.add_argument("--onnx", type=Path, required=True, metavar="FILE.onnx")
@@ -132,18 +139,16 @@ def _train(options: argparse.Namespace) -> int:
     name = "-".join(str(part) for part in (options.config.stem, *changes.given.values()))
     folder = options.out or Path("runs") / name
     hardware.check_precision(config.training)
-    run = train(config, folder, options.limit_seconds)
-    progress, state = (
-        run.progress,
-        "finished" if run.finished else "stopped, goes on when started again,",
-    )
+    run = train(config, folder, resume=options.resume, limit_s=options.limit_seconds)
+    progress = run.progress
     if run.fabric.is_global_zero:
-        done = f"{state} after {progress.step} steps and {progress.seconds:.0f} s"
+        state = "finished" if run.is_finished else "stopped (go on with --resume)"
         print(
-            f"{done}; best score {progress.best_score:.5g} at step {progress.best_step}: "
+            f"{state} after {progress.step} steps and {progress.seconds:.0f} s; "
+            f"best score {progress.best_score:.5g} at step {progress.best_step}: "
             f"{folder / WEIGHTS}"
         )
-    return 0 if run.finished else 1
+    return 0 if run.is_finished else 1
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""Weights and training states as safetensors; the metadata have the settings. Nothing in them is
-executed.
+"""Weights as safetensors; the metadata have the settings. Nothing in them is executed.
 
 Weights are stored in half precision where their values allow it.
 """
@@ -27,7 +26,7 @@ from geovp_classic.types import PrivilegedInput
 from geovp_learned import devices, methods
 
 LIMIT_BYTES = 16384 * files.MIB
-FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
+FORMAT = "geovp-weights-1"
 
 
 @dataclass(frozen=True)
@@ -188,56 +187,6 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
                 f"{file}: tensor {prefix}{key} has a number that is not finite: train or get it "
                 "again"
             )
-
-
-def write_state(file: Path, state: Mapping[str, Any]) -> None:
-    """Write a nested state such as `state_dict`s: its tensors as safetensors, the rest as JSON in
-    the metadata.
-    """
-    tensors: dict[str, Tensor] = {}
-
-    def pack(path: str, value: Any) -> Any:
-        if isinstance(value, Tensor):
-            tensors[path] = value
-            return {"tensor": path}
-        if isinstance(value, Mapping):
-            return {"items": [[key, pack(f"{path}.{key}", part)] for key, part in value.items()]}
-        return (
-            [pack(f"{path}.{n}", part) for n, part in enumerate(value)]
-            if isinstance(value, list | tuple)
-            else value
-        )
-
-    tree = {name: pack(name, part) for name, part in state.items()}
-    write_tensors(file, tensors, {"format": STATE_FORMAT, "state": tree})
-
-
-def read_state(file: Path) -> dict[str, Any]:
-    """Read what `write_state` wrote, tuples as lists; raise BadData if the file is damaged or of
-    another kind.
-    """
-    metadata, tensors = read_tensors(file)
-    if metadata.get("format") != STATE_FORMAT:
-        raise BadData(
-            f"{file} is no training state ({metadata.get('format')}, expected {STATE_FORMAT}): "
-            "remove it"
-        )
-
-    def unpack(value: Any) -> Any:
-        if isinstance(value, list):
-            return [unpack(part) for part in value]
-        if not isinstance(value, dict):
-            return value
-        return (
-            tensors[value["tensor"]]
-            if "tensor" in value
-            else {key: unpack(part) for key, part in value["items"]}
-        )
-
-    try:
-        return {name: unpack(part) for name, part in metadata["state"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise BadData(f"{file} is no whole training state ({error}): remove it") from error
 
 
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:

@@ -27,9 +27,11 @@ def fabric(settings: Training) -> Fabric:
     """Build Lightning Fabric from the settings; raise BadData if it refuses them."""
     names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
     try:
-        return Fabric(**{name: getattr(settings, name) for name in names})
+        fabric = Fabric(**{name: getattr(settings, name) for name in names})
     except (ValueError, RuntimeError, ImportError) as problem:
         raise BadData(f"[training] does not fit this machine: {problem}") from problem
+    keep_inputs(fabric)
+    return fabric
 
 
 def keep_inputs(fabric: Fabric) -> None:

@@ -1,7 +1,7 @@
 """The interface between the training loop and the methods, and the list of methods."""
 
 import importlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,9 +29,8 @@ class Method(Protocol):
     """A frozen dataclass whose fields are its settings: numbers, strings, tuples and dataclasses of
     these.
 
-    Networks and optimisers have names. A step may depend on the networks, the batch and torch's
-    random numbers alone; the loop seeds these at every step, so that a killed run can be resumed
-    exactly.
+    Networks have names. A step may depend on the networks, the batch and torch's random numbers
+    alone; the loop seeds these at every step, so that a killed run can be resumed exactly.
     """
 
     @property
@@ -44,24 +43,18 @@ class Method(Protocol):
         """Build new networks, initialised with torch's random numbers."""
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Build an optimiser for each trained network, under that network's name."""
+        """Build the optimiser of each network, under that network's name."""
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
         """Return examples for training or validation, in memory; raise BadData if a clip lacks
         something.
         """
 
-    def batch(
-        self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator
-    ) -> Batch:
-        """Return tensors of the selected training examples, augmented with `rng`."""
+    def example(self, item: Any, rng: np.random.Generator) -> Batch:
+        """Return tensors of a training example, augmented with `rng`; batches stack them."""
 
-    def training_step(
-        self, networks: Networks, batch: Batch, step: int
-    ) -> Iterator[tuple[str, Losses]]:
-        """Yield each network to train with its losses; it takes its optimiser step before the next
-        is yielded.
-        """
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
+        """Return the losses of each network that learns in this step."""
 
     def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
         """Return numbers for the log; the weights with the lowest "score" are kept."""

@@ -49,33 +49,25 @@ def model_card(
     return "\n\n".join(parts) + "\n"
 
 
-def curves(rows: Iterable[Mapping[str, str]]) -> str:
+def curves(rows: Iterable[Mapping[str, float]]) -> str:
     """Return a table with a row per validation; training losses are means since the row before."""
-    validations: dict[int, dict[str, float]] = {}
-    losses: dict[str, list[tuple[int, float]]] = {}
-    for row in rows:
-        step, name, value = int(row["step"]), row["name"], float(row["value"])
-        if row["split"] == "validation":
-            validations.setdefault(step, {"seconds": float(row["seconds"])})[name] = value
-        else:
-            losses.setdefault(name, []).append((step, value))
-    steps = sorted(validations)
-    kept = sorted({*steps[:: -(-len(steps) // MAX_ROWS) or 1], *steps[-1:]})
-    columns = list(validations[steps[0]]) if steps else []
-    lines = [["step", *columns, *(f"training {name}" for name in losses)]]
-    lines.append(["--:"] * len(lines[0]))
-    for before, step in zip([0, *kept], kept, strict=False):
-        scores = (f"{validations[step].get(name, np.nan):.4g}" for name in columns)
-        recent = (
-            [value for at, value in values if before < at <= step] for values in losses.values()
+    rows = list(rows)
+    names = sorted({name for row in rows for name in row} - {"step", "seconds"}, reverse=True)
+    validated = [row for row in rows if "validation/score" in row]
+    stride = -(-len(validated) // MAX_ROWS) or 1
+    lines = [["step", "seconds", *names], ["--:"] * (2 + len(names))]
+    before = 0.0
+    for row in reversed(validated[::-1][::stride]):
+        recent = [each for each in rows if before < each["step"] <= row["step"]]
+        before = row["step"]
+        means = (
+            np.mean([each[name] for each in recent if name in each] or [np.nan])
+            if name.startswith("train/")
+            else row.get(name, np.nan)
+            for name in names
         )
-        lines.append(
-            [
-                str(step),
-                *scores,
-                *(f"{np.mean(values):.4g}" if values else "-" for values in recent),
-            ]
-        )
+        numbers = [row["step"], row["seconds"], *means]
+        lines.append([f"{number:.4g}" for number in numbers])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

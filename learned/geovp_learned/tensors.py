@@ -16,19 +16,19 @@ MIRROR = np.diag(
 )  # MIRROR @ motion @ MIRROR is the motion with left and right exchanged
 
 
+def bytes_from_frames(frames: ByteArray) -> Tensor:
+    """Convert frames [..., H, W, 3] to bytes [..., 3, H, W]."""
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(frames, -1, -3)))
+
+
 def images_from_frames(frames: ByteArray) -> Tensor:
     """Convert frames [..., H, W, 3] to float32 [..., 3, H, W] in [0, 1]."""
-    return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
+    return bytes_from_frames(frames).float() / 255.0
 
 
 def frames_from_images(images: Tensor) -> ByteArray:
     """Convert images [..., 3, H, W], clamped to [0, 1], to frames [..., H, W, 3]."""
     return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
-
-
-def stack(frames: Sequence[ByteArray]) -> Tensor:
-    """Stack windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
 
 
 def grey(frame: ByteArray) -> ByteArray:

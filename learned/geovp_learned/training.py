@@ -1,20 +1,19 @@
 """The training loop of all methods, on Lightning Fabric: one CPU, one GPU, or several with DDP.
 
-A run is a folder: `state.safetensors` (the last checkpoint), `weights.safetensors` (the best
-weights so far) and `log.csv`. A run that was killed goes on from its last checkpoint when started
-again, and ends with the same bytes.
+A run is a folder: `state.ckpt` (the last checkpoint), `weights.safetensors` (the best weights so
+far) and the logs. A run that was stopped or killed is resumed from its last checkpoint and ends
+with the same result.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import signal
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +21,21 @@ import cv2
 import numpy as np
 import torch
 from lightning.fabric import Fabric
+from lightning.fabric.loggers.logger import Logger
 from torch import Tensor
-from torch.utils.data import DataLoader
+from torch.optim.lr_scheduler import LambdaLR
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
+from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from geovp_learned import checkpoints, hardware, schedules, training_config, training_log
-from geovp_learned.methods import Batch, Losses, Method
-from geovp_learned.training_config import TrainingConfig
+from geovp_learned import batches, checkpoints, hardware, training_config, training_log
+from geovp_learned.methods import Batch, Losses
+from geovp_learned.training_config import Training, TrainingConfig
 
-STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
-LOG_EVERY = 20  # steps
+STATE, WEIGHTS = "state.ckpt", "weights.safetensors"
 
 
 @dataclass
@@ -48,76 +49,66 @@ class Progress:
     misses: int = 0  # validations since the best one
 
 
-def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = None) -> Trainer:
-    """Train until all steps are done, patience is exhausted, or `limit_seconds` are over; the state
-    is kept.
+def train(
+    config: TrainingConfig, folder: Path, *, resume: bool = False, limit_s: float = math.inf
+) -> Trainer:
+    """Train until all steps are done, patience is exhausted, or the time is over.
+
+    With `resume` a run goes on from the checkpoint in its folder, if there is one. Raise BadData
+    for a checkpoint that is damaged, of another run, or not to be resumed.
     """
     settings = config.training
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
-        cv2.setNumThreads(
-            settings.num_threads
-        )  # used by batches; its default threads slow each other down
+        cv2.setNumThreads(settings.num_threads)  # its default threads slow each other down
     fabric = hardware.fabric(settings)
-    hardware.keep_inputs(fabric)
     fabric.launch()
-    trainer = Trainer(config, folder, fabric)
+    trainer = Trainer(config, folder, fabric, resume=resume)
     with _stop_on_signal() as signals:
-        trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
+        trainer.fit(signals, limit_s)
     return trainer
 
 
-@dataclass(frozen=True)
-class Batches(torch.utils.data.Dataset[Batch]):
-    """The batches of one device, by step; augmented with random numbers of the step."""
-
-    method: Method
-    examples: Sequence[Any]
-    settings: training_config.Training
-    rank: int
-    world: int
-
-    def __getitem__(self, step: int) -> Batch:
-        """Return the batch of a step."""
-        seed, size = self.settings.seed, self.settings.batch_size
-        indices = schedules.batch_indices(step, len(self.examples), size, self.world, seed)
-        rng = np.random.default_rng([seed, step, self.rank])
-        return self.method.batch(self.examples, indices[self.rank], rng)
+def learning_rate_factor(step: int, settings: Training) -> float:
+    """Return the factor of a linear warm-up, then of cosine annealing to `final_rate` (Loshchilov
+    and Hutter 2017).
+    """
+    if step < settings.warmup_steps:
+        return (step + 1) / settings.warmup_steps
+    done = (step - settings.warmup_steps) / max(settings.num_steps - settings.warmup_steps, 1)
+    cosine = 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
+    return settings.final_rate + (1 - settings.final_rate) * cosine
 
 
 class Trainer:
     """One start of a run, and how it ended."""
 
-    def __init__(self, config: TrainingConfig, folder: Path, fabric: Fabric) -> None:
+    def __init__(
+        self, config: TrainingConfig, folder: Path, fabric: Fabric, *, resume: bool
+    ) -> None:
         self.method, self.settings, self.config = config.method, config.training, config
-        self.folder, self.fabric, self.scaler = folder, fabric, fabric.strategy.precision
-        schedules.seed(self.settings.seed, schedules.BUILD_SEED)
-        self.bare = (
-            self.method.build()
-        )  # stored in files: Fabric's wrappers would change the tensors' names
-        self.bare_optimisers = self.method.optimisers(self.bare)
-        self.rates = {
-            name: [group["lr"] for group in own.param_groups]
-            for name, own in self.bare_optimisers.items()
+        self.folder, self.fabric = folder, fabric
+        _seed_torch(self.settings.seed)
+        networks = self.method.build()
+        optimisers = self.method.optimisers(networks)
+        self.averages: dict[str, AveragedModel] = {}
+        if steps := self.settings.average_steps:
+            average = get_ema_multi_avg_fn(1 - 1 / steps)
+            self.averages = {
+                name: AveragedModel(network, multi_avg_fn=average, use_buffers=True)
+                for name, network in networks.items()
+            }
+        self.schedulers = {
+            name: LambdaLR(optimiser, lambda step: learning_rate_factor(step, self.settings))
+            for name, optimiser in optimisers.items()
         }
-        steps = self.settings.average_steps
-        self.averages = (
-            {name: schedules.averaged_model(net, steps) for name, net in self.bare.items()}
-            if steps
-            else {}
-        )
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
-        for name, network in self.bare.items():
-            if name in self.bare_optimisers:
-                self.networks[name], self.optimisers[name] = fabric.setup(
-                    network, self.bare_optimisers[name]
-                )
-            else:
-                self.networks[name] = fabric.to_device(network)
+        for name, network in networks.items():
+            self.networks[name], self.optimisers[name] = fabric.setup(network, optimisers[name])
         self.evaluated = {
-            name: fabric.setup_module(each.module) for name, each in self.averages.items()
-        }
+            name: fabric.setup_module(average.module) for name, average in self.averages.items()
+        } or self.networks
         self.identity = {
             "method": config.method_name,
             "settings": checkpoints.plain(self.method),
@@ -126,122 +117,87 @@ class Trainer:
         }
         self.progress = Progress()
         if (folder / STATE).exists():
+            if not resume:
+                raise BadData(f"{folder / STATE} exists: give --resume to go on, or another --out")
             self.load()
+        fabric.barrier()
+        self.loggers: list[Logger] = []
         if fabric.is_global_zero:
-            training_log.truncate(folder / LOG, self.progress.step)
+            self.loggers = training_log.loggers(folder, self.progress.step)
+
+    @property
+    def is_finished(self) -> bool:
+        """Return whether all steps are done, or patience is exhausted; False: interrupted."""
+        progress, settings = self.progress, self.settings
+        return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
 
     def fit(self, signals: Sequence[int], limit_s: float) -> None:
         """Train from the current step to the end, a signal, or the time limit."""
-        examples = self.method.examples(_clips(self.config.train), training=True)
+        items = self.method.examples(_clips(self.config.train), training=True)
         held_out = self.method.examples(_clips(self.config.validation), training=False)
-        if not len(examples) or not len(held_out):
+        if not len(items) or not len(held_out):
             raise BadData(
                 "no clip is long enough for one example: give the data sets a larger num_frames"
             )
-        progress, settings = self.progress, self.settings
-        batches = self.batches(examples)
+        progress, settings, fabric = self.progress, self.settings, self.fabric
+        loader = batches.loader(self.method, items, settings, progress.step, fabric)
+        steps = iter(loader)
         start_s = saved_s = time.monotonic()
         before_s = progress.seconds
-        with tqdm(
-            total=settings.num_steps, initial=progress.step, disable=not self.fabric.is_global_zero
-        ) as bar:
-            while not self.finished and not signals and time.monotonic() - start_s < limit_s:
-                self.train_step(next(batches), bar)
+        bar = tqdm(total=settings.num_steps, initial=progress.step, disable=not self.loggers)
+        with bar:
+            while not self.is_finished and not signals and time.monotonic() - start_s < limit_s:
+                losses = self.train_step(next(steps))
                 progress.seconds = before_s + time.monotonic() - start_s
-                if (
-                    progress.step % settings.validate_every == 0
-                    or progress.step == settings.num_steps
-                ):
+                bar.update()
+                if progress.step % settings.log_every == 0:
+                    self.log("train", losses)
+                if progress.step % settings.validate_every == 0 or self.is_finished:
                     self.validate(held_out)
                 if time.monotonic() - saved_s > settings.save_every_s:
                     self.save()
                     saved_s = time.monotonic()
         self.save()
 
-    @property
-    def finished(self) -> bool:
-        """Return whether all steps are done, or patience is exhausted; False: interrupted, resumed
-        when started again.
-        """
-        progress, settings = self.progress, self.settings
-        return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
-
-    def batches(self, examples: Sequence[Any]) -> Iterator[Batch]:
-        """Return the batches of the remaining steps, prepared ahead by worker processes if any."""
-        fabric = self.fabric
-        steps = Batches(self.method, examples, self.settings, fabric.global_rank, fabric.world_size)
-        loader = DataLoader(
-            steps,
-            batch_size=None,  # a step is a whole batch
-            sampler=range(self.progress.step, self.settings.num_steps),
-            num_workers=self.settings.num_workers,
-            # a forked worker would hang in the pools of threads of OpenCV and Numba
-            multiprocessing_context="forkserver" if self.settings.num_workers else None,
-            worker_init_fn=_one_thread,
-        )
-        return iter(loader)
-
-    def train_step(self, batch: Batch, bar: Any) -> None:
-        """Take a step on a batch; its losses are logged every LOG_EVERY steps."""
-        step = self.progress.step
-        losses = self.optimise(batch, step)
-        self.progress.step = step + 1
-        for name, average in self.averages.items():
-            average.update_parameters(self.bare[name])
-        bar.update()
-        if self.progress.step % LOG_EVERY == 0:
-            numbers = {name: float(loss) for name, loss in losses.items()}
-            self.write_log("train", numbers)
-            bar.set_postfix({name: f"{number:.3g}" for name, number in numbers.items()})
-
-    def optimise(self, batch: Batch, step: int) -> Losses:
-        """Take optimiser steps on a batch; return the losses by name, "<network>.<loss>" where
-        several networks learn.
-        """
-        schedules.seed(self.settings.seed, schedules.STEP_SEED, step, self.fabric.global_rank)
-        factor = schedules.learning_rate_factor(step, self.settings)
-        for name, optimiser in self.bare_optimisers.items():
-            for group, rate in zip(optimiser.param_groups, self.rates[name], strict=True):
-                group["lr"] = rate * factor
+    def train_step(self, batch: Batch) -> Losses:
+        """Take a step; return the losses, "NETWORK.LOSS" where several networks learn."""
+        _seed_torch(self.settings.seed, self.progress.step, self.fabric.global_rank)
         for network in self.networks.values():
             network.train()
-        logged: Losses = {}
-        for name, losses in self.method.training_step(
-            self.networks, self.fabric.to_device(batch), step
-        ):
-            self.optimiser_step(name, losses["total"])
-            prefix = f"{name}." if len(self.optimisers) > 1 else ""
-            logged |= {f"{prefix}{key}": loss.detach() for key, loss in losses.items()}
-        return logged
+        losses = self.method.training_step(self.networks, batch, self.progress.step)
+        for name, terms in losses.items():
+            self.optimise(name, terms["total"])
+        for name, average in self.averages.items():
+            average.update_parameters(self.networks[name].module)
+        for scheduler in self.schedulers.values():
+            scheduler.step()
+        self.progress.step += 1
+        return {
+            f"{name}.{term}" if len(self.networks) > 1 else term: loss.detach()
+            for name, terms in losses.items()
+            for term, loss in terms.items()
+        }
 
-    def optimiser_step(self, name: str, total: Tensor) -> None:
+    def optimise(self, name: str, total: Tensor) -> None:
         """Run the backward pass, gradient clipping and optimiser step of one network."""
-        self.bare_optimisers[
-            name
-        ].zero_grad()  # the losses of other networks leave gradients here, too
+        network, optimiser = self.networks[name], self.optimisers[name]
+        optimiser.zero_grad()  # the losses of other networks leave gradients here, too
         self.fabric.backward(total)
-        if self.settings.clip_norm:
-            # With a gradient scaler, gradients may overflow: it skips the step and lowers the
-            # scale.
-            network, optimiser, norm = (
-                self.networks[name],
-                self.optimisers[name],
-                self.settings.clip_norm,
-            )
-            is_strict = not self.scaler.state_dict()
+        if max_norm := self.settings.clip_norm:
+            # A gradient scaler skips steps with overflown gradients and lowers the scale
+            is_strict = not self.fabric.strategy.precision.state_dict()
             self.fabric.clip_gradients(
-                network, optimiser, max_norm=norm, error_if_nonfinite=is_strict
+                network, optimiser, max_norm=max_norm, error_if_nonfinite=is_strict
             )
-        self.optimisers[name].step()
+        optimiser.step()
 
     def validate(self, held_out: Sequence[Any]) -> None:
         """Score the networks, or their EMA, and write their weights if they are the best so far."""
-        networks = self.evaluated or self.networks
-        for network in networks.values():
+        for network in self.evaluated.values():
             network.eval()
         with torch.no_grad():
-            scores = self.method.validate(networks, held_out)
-        self.write_log("validation", scores)
+            scores = self.method.validate(self.evaluated, held_out)
+        self.log("validation", scores)
         self.progress.misses += 1
         if scores["score"] < self.progress.best_score:
             self.progress.best_score, self.progress.best_step = scores["score"], self.progress.step
@@ -249,93 +205,80 @@ class Trainer:
             self.write_weights(scores)
 
     def write_weights(self, scores: Mapping[str, float]) -> None:
-        """Write the weights file."""
+        """Write the weights file, from the first process."""
         history = {
-            **{
-                "step": self.progress.step,
-                "seconds": round(self.progress.seconds, 1),
-                "scores": dict(scores),
-            },
-            **{
-                "train": self.identity["data"],
-                "validation": training_config.describe(self.config.validation),
-            },
+            "step": self.progress.step,
+            "seconds": round(self.progress.seconds, 1),
+            "scores": dict(scores),
+            "train": self.identity["data"],
+            "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
         }
-        kept = {
-            name: self.averages[name].module if self.averages else self.bare[name]
-            for name in self.method.kept
-        }
+        kept = {name: self.evaluated[name].module for name in self.method.kept}
         if self.fabric.is_global_zero:
-            checkpoints.write(
-                self.folder / WEIGHTS, self.config.method_name, self.method, kept, history
-            )
+            file = self.folder / WEIGHTS
+            checkpoints.write(file, self.config.method_name, self.method, kept, history)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the next step depends on, but random numbers, seeded at every step."""
+        groups = {
+            "network": self.networks,
+            "average": self.averages,
+            "optimiser": self.optimisers,
+            "scheduler": self.schedulers,
+        }
+        state: dict[str, Any] = {
+            f"{group}.{name}": part
+            for group, parts in groups.items()
+            for name, part in parts.items()
+        }
+        state["precision"] = self.fabric.strategy.precision
+        return {**state, "progress": asdict(self.progress), "identity": self.identity}
 
     def save(self) -> None:
-        """Write the state: all that the next step depends on, but random numbers, which every step
-        seeds anew.
-        """
-        if self.fabric.is_global_zero:
-            state: dict[str, Any] = {
-                group: {name: part.state_dict() for name, part in parts.items()}
-                for group, parts in self.parts()
-            }
-            state |= {"progress": dataclasses.asdict(self.progress), "identity": self.identity}
-            checkpoints.write_state(self.folder / STATE, state)
+        """Write the state, in a way that a kill at any moment leaves a whole file."""
+        file = self.folder / STATE
+        temporary = file.with_suffix(".tmp")
+        with files.checked(f"{file} cannot be written", "make room, or choose another folder"):
+            self.fabric.save(temporary, self.state())
+            if self.fabric.is_global_zero:
+                temporary.replace(file)
         self.fabric.barrier()
 
     def load(self) -> None:
         """Go on from a stored state; BadData when it is damaged or of another run."""
         file = self.folder / STATE
-        state = checkpoints.read_state(file)
-        if (stored := state["identity"]) != self.identity:
-            keys = sorted(
-                key
-                for key in {*stored, *self.identity}
-                if stored.get(key) != self.identity.get(key)
-            )
+        with files.checked(f"{file} is not a whole training state", "remove it"):
+            stored = self.fabric.load(file, weights_only=True)["identity"]
+        if stored != self.identity:
+            keys = [key for key, value in self.identity.items() if stored.get(key) != value]
             raise BadData(
                 f"{file} belongs to a run with another {', '.join(keys)}: give another --out, "
                 "or remove it"
             )
-        try:
-            for group, parts in self.parts():
-                for name, part in parts.items():
-                    part.load_state_dict(state[group][name])
-        except (KeyError, RuntimeError, ValueError) as error:
-            raise BadData(
-                f"{file} does not fit this method ({' '.join(str(error).split())}): remove it"
-            ) from error
-        self.progress = Progress(**state["progress"])
+        with files.checked(f"{file} does not fit this method", "remove it"):
+            state = self.state()
+            self.fabric.load(file, state, weights_only=True)
+            self.progress = Progress(**state["progress"])
 
-    def parts(self) -> tuple[tuple[str, Mapping[str, Any]], ...]:
-        """Return the objects of the state that have a `state_dict`, in groups."""
-        networks = (("networks", self.bare), ("averages", self.averages))
-        return (
-            *networks,
-            ("optimisers", self.bare_optimisers),
-            ("precision", {"scaler": self.scaler}),
-        )
-
-    def write_log(self, split: str, numbers: Mapping[str, float]) -> None:
-        """Write a row of the log per number, from the first process."""
-        if self.fabric.is_global_zero:
-            training_log.append(
-                self.folder / LOG, self.progress.step, self.progress.seconds, split, numbers
-            )
+    def log(self, split: str, numbers: Mapping[str, float | Tensor]) -> None:
+        """Write numbers to the logs, from the first process."""
+        row = {f"{split}/{name}": float(number) for name, number in numbers.items()}
+        for logger in self.loggers:
+            logger.log_metrics({"seconds": self.progress.seconds, **row}, self.progress.step)
+            logger.save()
 
 
-def _one_thread(_: int) -> None:
-    """Leave the cores to the other workers."""
-    cv2.setNumThreads(1)
+def _seed_torch(*numbers: int) -> None:
+    """Seed torch's random numbers on every device."""
+    torch.manual_seed(int(np.random.SeedSequence(numbers).generate_state(1)[0]))
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
     """Return the clips of all data sets, one after the other."""
     for dataset in datasets:
-        for index in tqdm(
-            range(len(dataset)), desc=f"reading {dataset.name}", leave=False, delay=2.0
-        ):
+        indices = range(len(dataset))
+        for index in tqdm(indices, desc=f"reading {dataset.name}", leave=False, delay=2.0):
             yield dataset[index]
 
 
@@ -343,11 +286,9 @@ def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
 def _stop_on_signal() -> Iterator[list[int]]:
     """Collect signals that ask to stop (Ctrl-C, SIGTERM); the current step is finished first."""
     received: list[int] = []
-    numbers = (
-        (signal.SIGINT, signal.SIGTERM)
-        if threading.current_thread() is threading.main_thread()
-        else ()
-    )
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
     before = {
         number: signal.signal(number, lambda caught, _: received.append(caught))
         for number in numbers

@@ -43,6 +43,7 @@ class Training:
         0  # the EMA of the weights over about so many steps is validated and kept; 0 = no EMA
     )
     validate_every: int = 200  # steps
+    log_every: int = 20  # steps
     patience: int = 0  # validations without a better score before the run stops; 0 = unlimited
     save_every_s: float = 60.0
     num_threads: int = 0  # of torch on the CPU; 0 = torch's own choice
@@ -55,7 +56,7 @@ class Training:
 
     def __post_init__(self) -> None:
         methods.check_counts(
-            self, "num_steps", "batch_size", "validate_every", "devices", "num_nodes"
+            self, "num_steps", "batch_size", "validate_every", "log_every", "devices", "num_nodes"
         )
         if self.average_steps < 0:
             raise BadData(f"average_steps is {self.average_steps}, expected 0 or more")

@@ -1,36 +1,37 @@
-"""The log of a training run as CSV, one number per row: step, seconds, split, name, value."""
+"""Logs of a training run: a CSV file, and events for TensorBoard where it is installed."""
 
 import csv
-from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
-COLUMNS = ("step", "seconds", "split", "name", "value")
+from lightning.fabric.loggers.csv_logs import CSVLogger
+from lightning.fabric.loggers.logger import Logger
+from lightning.fabric.loggers.tensorboard import TensorBoardLogger
+
+FILE = Path("csv", "metrics.csv")  # in the folder of a run
 
 
-def truncate(file: Path, step: int) -> None:
-    """Keep the rows up to the step from which a run goes on, or begin a new file."""
+def loggers(folder: Path, step: int) -> list[Logger]:
+    """Return the loggers of a run that goes on from a step; later rows are removed."""
+    file = folder / FILE
     rows = read(file) if file.is_file() else []
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w", newline="") as out:
-        csv.writer(out).writerow(COLUMNS)
-        csv.writer(out).writerows(
-            [row[name] for name in COLUMNS] for row in rows if int(row["step"]) <= step
-        )
+    file.unlink(missing_ok=True)
+    csv_logger = CSVLogger(folder, name=FILE.parent.name, version="")
+    for row in rows:
+        row_step = int(row.pop("step"))
+        if row_step <= step:
+            csv_logger.log_metrics(dict(row), row_step)
+    csv_logger.save()
+    if find_spec("tensorboard") is None:
+        return [csv_logger]
+    return [csv_logger, TensorBoardLogger(folder, name="tensorboard", version="")]
 
 
-def append(file: Path, step: int, seconds: float, split: str, numbers: Mapping[str, float]) -> None:
-    """Append a row per number."""
-    with file.open("a", newline="") as out:
-        csv.writer(out).writerows(
-            [step, f"{seconds:.1f}", split, name, f"{v:.6g}"] for name, v in numbers.items()
-        )
-
-
-def read(file: Path) -> list[dict[str, str]]:
-    """Read the rows of a log, without a truncated last one."""
-    with file.open(newline="") as rows:
-        return [
-            row
-            for row in csv.DictReader(rows)
-            if row.get("value") and (row.get("step") or "").isdecimal()
+def read(file: Path) -> list[dict[str, float]]:
+    """Read the rows of a CSV file, each with its own columns, without a truncated last one."""
+    with file.open(newline="") as lines:
+        rows = [
+            {name: float(value) for name, value in row.items() if value}
+            for row in csv.DictReader(lines)
         ]
+    return [row for row in rows if "step" in row]

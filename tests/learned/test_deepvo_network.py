@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import default_collate
 
 from geovp_benchmarks.audit.contracts import street
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
@@ -87,13 +88,14 @@ def test_it_overfits_eight_windows(future: str) -> None:
         architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3
     )
     examples = method.examples([street.clip()], training=True)[:8]
-    batch = method.batch(examples, range(len(examples)), np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    batch = default_collate([method.example(each, rng) for each in examples])
     torch.manual_seed(0)
     networks = method.build()
     optimiser = method.optimisers(networks)["poses"]
     totals = []
     for step in range(150):
-        _, losses = next(method.training_step(networks, batch, step))
+        losses = method.training_step(networks, batch, step)["poses"]
         optimiser.zero_grad()
         losses["total"].backward()
         optimiser.step()

@@ -3,6 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import torch
+from torch.utils.data import default_collate
 
 from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import planar, se3
@@ -11,17 +13,24 @@ from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
+from geovp_learned.methods import Batch
 
 CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
 DRIVE = windows.read(street.clip(), CAMERA)
 REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
 
 
+def parts(batch: Batch) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Images [P, H, W, 3], motions and the mask of those that are known."""
+    images = batch["images"].movedim(1, -1).numpy()
+    return images, batch["motions"].double().numpy(), batch["known"].numpy()
+
+
 def drawn(
     augmentation: Augmentation, seed: int = 0, first: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
-    return windows.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng)
+    return parts(windows.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng))
 
 
 def yaw_deg(motion: FloatArray) -> FloatArray:
@@ -42,7 +51,7 @@ def test_mirroring_turns_right_into_left() -> None:
         drawn(NO_AUGMENTATION),
         drawn(replace(NO_AUGMENTATION, mirror_share=1.0)),
     )
-    np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-9)
+    np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-4)
     assert yaw_deg(motions).min() > 0.5  # this street bends to the right
     flipped = plain[
         :, :, ::-1
@@ -53,7 +62,7 @@ def test_mirroring_turns_right_into_left() -> None:
 
 def test_every_other_frame_is_twice_the_motion() -> None:
     _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0))
-    np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-9)
+    np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-4)
     np.testing.assert_array_equal(
         known, [True] * 4 + [False] * 2
     )  # of 10 frames: 2, 4, 6, 8, but not 10 and 12
@@ -74,10 +83,9 @@ def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
     """
     rng = np.random.default_rng(5)
     swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
-    images, motions, _ = windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
-    plain = windows.sample(
-        Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, np.random.default_rng(5)
-    )[0]
+    images, motions, _ = parts(windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng))
+    rng = np.random.default_rng(5)
+    plain, _, _ = parts(windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, rng))
     np.testing.assert_array_equal(images[1], plain[1])
     rate_px = np.deg2rad(yaw_deg(motions)[0] - yaw_deg(REAL)[0]) * CAMERA.fx_px
     shift_px = round(rate_px)  # turning right moves the image to the left
@@ -110,12 +118,16 @@ def test_a_batch_draws_how_much_past_is_seen() -> None:
         Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2
     )
     examples = method.examples([street.clip()], training=True)
-    seen = {
-        method.batch(examples, [0, 1], np.random.default_rng(seed))["images"].shape[1]
-        for seed in range(20)
-    }
+    rng = np.random.default_rng(0)
+    batch = default_collate([method.example(each, rng) for each in examples[:2]])
+    assert batch["motions"].shape == (2, 6, 4, 4)
+    assert batch["known"].shape == (2, 6)
+    seen: set[int] = set()
+
+    def network(images: torch.Tensor, num_future: int) -> tuple[torch.Tensor, torch.Tensor]:
+        seen.add(images.shape[1])
+        return torch.zeros(2, images.shape[1] - 1, 3), torch.zeros(2, num_future, 3)
+
+    for _ in range(20):
+        method.training_step({"poses": network}, batch, 0)
     assert seen == {2, 3, 4}
-    batch = method.batch(examples, [0, 1], np.random.default_rng(0))
-    past = batch["images"].shape[1]
-    assert batch["motions"].shape == (2, past + 2, 4, 4)
-    assert batch["known"].shape == (2, past + 2)

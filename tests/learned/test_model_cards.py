@@ -70,17 +70,16 @@ def test_kittis_licence_goes_with_weights_trained_on_it(
 def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_it(
     tmp_path: Path,
 ) -> None:
-    log = tmp_path / "log.csv"
-    training_log.truncate(log, 0)
+    (logger, *_) = training_log.loggers(tmp_path, 0)
     for step, loss in ((20, 4.0), (40, 2.0), (60, 1.0)):
-        training_log.append(log, step, step / 10, "train", {"total": loss})
+        logger.log_metrics({"seconds": step / 10, "train/total": loss}, step)
         if step != 20:
-            training_log.append(
-                log, step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0}
-            )
-    lines = model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
+            scores = {"validation/score": loss / 2, "validation/psnr": 20.0}
+            logger.log_metrics({"seconds": step / 10, **scores}, step)
+    logger.save()
+    lines = model_cards.curves(training_log.read(tmp_path / training_log.FILE)).splitlines()
     assert lines == [
-        "| step | seconds | score | psnr | training total |",
+        "| step | seconds | validation/score | validation/psnr | train/total |",
         "| --: | --: | --: | --: | --: |",
         "| 40 | 4 | 1 | 20 | 3 |",
         "| 60 | 6 | 0.5 | 20 | 1 |",

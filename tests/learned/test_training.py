@@ -2,12 +2,11 @@
 a critic.
 """
 
-import csv
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,9 +21,10 @@ from torch.optim import Optimizer
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned import checkpoints, hardware, training
+from geovp_learned import checkpoints, hardware, training, training_log
+from geovp_learned.batches import StepSampler
 from geovp_learned.methods import Batch, Losses, Networks
-from geovp_learned.schedules import batch_indices, learning_rate_factor
+from geovp_learned.training import learning_rate_factor
 from geovp_learned.training_config import Training, TrainingConfig
 
 
@@ -61,20 +61,18 @@ class LineTraining:
             for t, frame in zip(clip.times_s, clip.frames, strict=True)
         ]
 
-    def batch(
-        self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator
-    ) -> Batch:
-        rows = torch.tensor([examples[index] for index in indices], dtype=torch.float32)
-        noise = torch.from_numpy(rng.normal(0, self.noise, (len(rows), 1)).astype(np.float32))
-        return {"time": rows[:, :1] + noise, "brightness": rows[:, 1:]}
+    def example(self, item: Any, rng: np.random.Generator) -> Batch:
+        time_s, brightness = item
+        noisy_s = time_s + rng.normal(0, self.noise)
+        return {"time": torch.tensor([noisy_s]).float(), "brightness": torch.tensor([brightness])}
 
-    def training_step(
-        self, networks: Networks, batch: Batch, step: int
-    ) -> Iterator[tuple[str, Losses]]:
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         guess = networks["line"](batch["time"])
-        yield "line", {"total": ((guess - batch["brightness"]) ** 2).mean()}
         seen = networks["critic"](guess.detach())
-        yield "critic", {"total": ((seen - 1) ** 2).mean(), "seen": seen.mean()}
+        return {
+            "line": {"total": ((guess - batch["brightness"]) ** 2).mean()},
+            "critic": {"total": ((seen - 1) ** 2).mean(), "seen": seen.mean()},
+        }
 
     def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
         rows = torch.tensor(examples, dtype=torch.float32)
@@ -128,36 +126,34 @@ def config(settings: Training = SETTINGS, method: LineTraining | None = None) ->
     )
 
 
-def logged(folder: Path, name: str, split: str = "train") -> list[tuple[int, float]]:
-    with (folder / "log.csv").open() as rows:
-        return [
-            (int(row["step"]), float(row["value"]))
-            for row in csv.DictReader(rows)
-            if row["name"] == name and row["split"] == split
-        ]
+def logged(folder: Path, name: str) -> list[tuple[float, float]]:
+    """The steps and values of a number in the log."""
+    rows = training_log.read(folder / training_log.FILE)
+    return [(row["step"], row[name]) for row in rows if name in row]
 
 
 def state_of(folder: Path) -> dict[str, Any]:
-    return checkpoints.read_state(folder / training.STATE)
+    return torch.load(folder / training.STATE, weights_only=True)
 
 
-def tensors_of(folder: Path) -> dict[str, Any]:
-    """All tensors of the stored state, with their paths."""
-    return checkpoints.read_tensors(folder / training.STATE)[1]
+def tensors_of(folder: Path) -> dict[str, torch.Tensor]:
+    """All tensors of the stored networks, averages and optimisers."""
+    flat, _ = torch.utils._pytree.tree_flatten_with_path(state_of(folder))
+    return {str(path): value for path, value in flat if isinstance(value, torch.Tensor)}
 
 
 def whole_and_pieces(own: TrainingConfig, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """The last tensors of a run, and of the same run interrupted again and again."""
     training.train(own, folder / "whole")
     for _ in range(200):
-        if training.train(own, folder / "pieces", limit_seconds=0.01).finished:
+        if training.train(own, folder / "pieces", resume=True, limit_s=0.01).is_finished:
             break
     return tensors_of(folder / "whole"), tensors_of(folder / "pieces")
 
 
 def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     outcome = training.train(config(replace(SETTINGS, num_steps=300)), tmp_path)
-    scores = logged(tmp_path, "score", "validation")
+    scores = logged(tmp_path, "validation/score")
     assert [step for step, _ in scores] == list(range(20, 301, 20))
     assert outcome.progress.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
     assert (
@@ -184,17 +180,20 @@ def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     file holds.
     """
     restless = LineTraining(rate=0.5)
-    plain = training.train(config(SETTINGS, restless), tmp_path / "plain")
-    mean = training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
-    assert mean.progress.best_score < plain.progress.best_score
-    assert logged(tmp_path / "mean", "line.total") == logged(
-        tmp_path / "plain", "line.total"
+    settings = replace(SETTINGS, num_steps=120, final_rate=1.0, patience=0)
+    training.train(config(settings, restless), tmp_path / "plain")
+    training.train(config(replace(settings, average_steps=20), restless), tmp_path / "mean")
+    plain, mean = (logged(tmp_path / each, "validation/score")[3:] for each in ("plain", "mean"))
+    assert np.mean([score for _, score in mean]) < np.mean([score for _, score in plain])
+    assert logged(tmp_path / "mean", "train/line.total") == logged(
+        tmp_path / "plain", "train/line.total"
     )  # learns the same
-    metadata, kept = checkpoints.read_tensors(tmp_path / "mean" / training.WEIGHTS)
-    state = state_of(tmp_path / "mean")
+    training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "short")
+    metadata, kept = checkpoints.read_tensors(tmp_path / "short" / training.WEIGHTS)
+    state = state_of(tmp_path / "short")
     mean_bias, last_bias = (
-        state["averages"]["line"]["module.0.bias"],
-        state["networks"]["line"]["0.bias"],
+        state["average.line"]["module.0.bias"],
+        state["network.line"]["0.bias"],
     )
     assert metadata["history"]["step"] == 60
     torch.testing.assert_close(kept["line.0.bias"].float(), mean_bias, atol=1e-3, rtol=1e-3)
@@ -206,9 +205,11 @@ def test_a_resumed_run_ends_with_the_same_weights(average_steps: int, tmp_path: 
     own = config(replace(SETTINGS, average_steps=average_steps))
     whole, pieces = whole_and_pieces(own, tmp_path)
     assert whole.keys() == pieces.keys()
-    assert any(name.endswith("exp_avg_sq") for name in whole)
+    assert any("exp_avg_sq" in name for name in whole)
     assert all(torch.allclose(whole[name], pieces[name]) for name in whole)
-    assert logged(tmp_path / "whole", "line.total") == logged(tmp_path / "pieces", "line.total")
+    assert logged(tmp_path / "whole", "train/line.total") == logged(
+        tmp_path / "pieces", "train/line.total"
+    )
     best = [
         checkpoints.read_tensors(tmp_path / each / training.WEIGHTS)[1]
         for each in ("whole", "pieces")
@@ -228,7 +229,7 @@ def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(
     monkeypatch.setattr(hardware, "Fabric", halves)
     mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
     whole, pieces = whole_and_pieces(mixed, tmp_path)
-    factors = [state_of(tmp_path / each)["precision"]["scaler"] for each in ("whole", "pieces")]
+    factors = [state_of(tmp_path / each)["precision"] for each in ("whole", "pieces")]
     assert factors[0] == factors[1]
     assert factors[0]["scale"] > 4.0
     assert all(torch.allclose(whole[name], pieces[name]) for name in whole)
@@ -255,23 +256,24 @@ line.training.train(often, pathlib.Path({str(tmp_path)!r}) / "killed")
         [sys.executable, "-c", code], env=os.environ, capture_output=True, check=False
     )
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
-    training.train(config(), tmp_path / "killed")
+    training.train(config(), tmp_path / "killed", resume=True)
     whole, killed = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "killed")
     assert all(torch.allclose(whole[name], killed[name]) for name in whole)
-    assert logged(tmp_path / "killed", "line.total") == logged(tmp_path / "whole", "line.total")
+    assert logged(tmp_path / "killed", "train/line.total") == logged(
+        tmp_path / "whole", "train/line.total"
+    )
 
 
 def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path) -> None:
     still = LineTraining(rate=0.0)
     outcome = training.train(config(replace(SETTINGS, patience=2), still), tmp_path)
-    assert (outcome.progress.step, outcome.progress.best_step, outcome.finished) == (
+    assert (outcome.progress.step, outcome.progress.best_step, outcome.is_finished) == (
         60,
         20,
         True,
     )  # 20 is the best, 40 and 60 are not
-    assert (
-        training.train(config(replace(SETTINGS, patience=2), still), tmp_path).progress.step == 60
-    )
+    again = training.train(config(replace(SETTINGS, patience=2), still), tmp_path, resume=True)
+    assert again.progress.step == 60
 
 
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
@@ -295,19 +297,19 @@ def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(
 def test_another_runs_folder_is_refused(tmp_path: Path) -> None:
     training.train(config(), tmp_path)
     with pytest.raises(BadData, match="belongs to a run with another settings: give another --out"):
-        training.train(config(method=LineTraining(rate=0.2)), tmp_path)
+        training.train(config(method=LineTraining(rate=0.2)), tmp_path, resume=True)
     with pytest.raises(BadData, match="with another training"):
-        training.train(config(replace(SETTINGS, seed=4)), tmp_path)
+        training.train(config(replace(SETTINGS, seed=4)), tmp_path, resume=True)
+    with pytest.raises(BadData, match="exists: give --resume to go on, or another --out"):
+        training.train(config(), tmp_path)
 
 
 def test_a_truncated_state_is_refused(tmp_path: Path) -> None:
     training.train(config(), tmp_path)
     file = tmp_path / training.STATE
     file.write_bytes(file.read_bytes()[:-50])
-    with pytest.raises(
-        BadData, match=r"is not a whole safetensors file|does not match its own checksum"
-    ):
-        training.train(config(), tmp_path)
+    with pytest.raises(BadData, match="is not a whole training state"):
+        training.train(config(), tmp_path, resume=True)
 
 
 def test_the_rate_rises_and_falls() -> None:
@@ -318,13 +320,14 @@ def test_the_rate_rises_and_falls() -> None:
     assert learning_rate_factor(105, settings) == pytest.approx(0.2)
 
 
-def test_every_example_comes_once_an_epoch() -> None:
-    dealt = [
-        index
-        for step in range(5)
-        for device in batch_indices(step, 10, 2, 2, seed=0)
-        for index in device
-    ]
+def test_every_example_comes_once_an_epoch_on_two_devices_together() -> None:
+    settings = Training(num_steps=5, batch_size=2)
+    samplers = [StepSampler(10, settings, 0, rank, 2) for rank in range(2)]
+    dealt = [index for step in zip(*samplers, strict=True) for each in step for index, _ in each]
     assert sorted(dealt[:8]) != sorted(dealt[8:16])
     assert sorted(dealt) == sorted(2 * list(range(10)))  # 5 steps of 4 are two epochs
-    assert batch_indices(3, 10, 2, 2, seed=0) == batch_indices(3, 10, 2, 2, seed=0)
+
+
+def test_a_resumed_sampler_draws_the_same_batches() -> None:
+    settings = Training(num_steps=5, batch_size=2)
+    assert list(StepSampler(10, settings, 3, 0, 1)) == list(StepSampler(10, settings, 0, 0, 1))[3:]

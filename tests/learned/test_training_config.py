@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from geovp_classic.errors import GeovpError
-from geovp_learned import training_config
+from geovp_learned import training_config, training_log
 from geovp_learned.__main__ import main
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.training_config import Changes
@@ -83,17 +83,19 @@ def command_of(folder: Path, kitti: Path, text: str = CONFIG) -> list[str]:
     return ["train", "deepvo", str(file), "--root", str(kitti), "--out", str(out)]
 
 
-def test_the_command_trains_and_a_second_time_goes_on(
+def test_the_command_trains_and_resumes(
     tmp_path: Path, kitti: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = command_of(tmp_path, kitti)
     assert main([*command, "--limit-seconds", "0"]) == 1
-    assert "stopped, goes on when started again, after 0 steps" in capsys.readouterr().out
-    assert main(command) == 0
+    assert "stopped (go on with --resume) after 0 steps" in capsys.readouterr().out
+    assert main(command) == 2
+    assert "state.ckpt exists: give --resume" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
     assert "finished after 4 steps" in capsys.readouterr().out
     assert sorted(file.name for file in (tmp_path / "run").iterdir()) == [
-        "log.csv",
-        "state.safetensors",
+        "csv",
+        "state.ckpt",
         "weights.safetensors",
     ]
 
@@ -220,7 +222,6 @@ def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("finished after 4 steps") == 1
-    rows = (tmp_path / "run" / "log.csv").read_text().splitlines()
-    assert (
-        sum(",score," in row for row in rows) == 2
-    )  # after steps 2 and 4, of the first process alone
+    rows = training_log.read(tmp_path / "run" / training_log.FILE)
+    steps = [row["step"] for row in rows if "validation/score" in row]
+    assert steps == [2, 4]  # of the first process alone

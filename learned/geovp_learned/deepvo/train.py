@@ -1,6 +1,6 @@
 """Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -8,9 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
+from torch.utils.data import default_collate
 
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip
+from geovp_classic.types import Clip, Intrinsics
 from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
 from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
@@ -69,24 +70,16 @@ class DeepVoTraining:
             (windows.read(clip, camera) for clip in clips), num_frames, 1 if training else 5
         )
 
-    def batch(
-        self, examples: Sequence[Window], indices: Sequence[int], rng: np.random.Generator
-    ) -> Batch:
-        """Return augmented windows, all with the same number of observed frames."""
-        num_past = int(rng.integers(self.shortest_past, self.num_past + 1))
-        skipped = self.num_past - num_past
-        chosen = [
-            Window(examples[index].clip, examples[index].first + skipped) for index in indices
-        ]
-        camera = self.architecture.camera
-        return windows.batch(chosen, camera, num_past, self.num_future, self.augmentation, rng)
+    def example(self, item: Window, rng: np.random.Generator) -> Batch:
+        """Return an augmented window."""
+        return windows.sample(item, *self._sizes, self.augmentation, rng)
 
-    def training_step(
-        self, networks: Networks, batch: Batch, step: int
-    ) -> Iterator[tuple[str, Losses]]:
-        """Yield the losses of the only network."""
-        past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
-        yield "poses", self.losses(past, future, batch["motions"], batch["known"])
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
+        """Return the losses of the only network, shown a random number of observed frames."""
+        skipped = int(torch.randint(self.num_past - self.shortest_past + 1, ()))
+        parts = {name: part[:, skipped:] for name, part in batch.items()}
+        past, future = networks["poses"](parts["images"].float() / 255.0, self.num_future)
+        return {"poses": self.losses(past, future, parts["motions"], parts["known"])}
 
     def losses(
         self,
@@ -118,18 +111,22 @@ class DeepVoTraining:
         """
         errors = []
         rng = np.random.default_rng(0)
+        device = next(networks["poses"].parameters()).device
         for start in range(0, len(examples), VALIDATION_BATCH):
             chosen = examples[start : start + VALIDATION_BATCH]
-            sizes = (self.architecture.camera, self.num_past, self.num_future)
-            batch = windows.batch(chosen, *sizes, NO_AUGMENTATION, rng)
-            device = next(networks["poses"].parameters()).device
-            past, future = networks["poses"](
-                batch["images"].to(device).float() / 255.0, self.num_future
+            batch = default_collate(
+                [windows.sample(window, *self._sizes, NO_AUGMENTATION, rng) for window in chosen]
             )
+            images = batch["images"].to(device).float() / 255.0
+            past, future = networks["poses"](images, self.num_future)
             errors.append(self._errors(past.cpu().float(), future.cpu().float(), batch["motions"]))
         table = torch.cat(errors).mean(0).tolist()
         names = ("future_m", "future_deg", "past_step_m", "past_step_deg")
         return {"score": table[0] + table[1], **dict(zip(names, table, strict=True))}
+
+    @property
+    def _sizes(self) -> tuple[Intrinsics, int, int]:
+        return self.architecture.camera, self.num_past, self.num_future
 
     def _errors(self, past: Tensor, future: Tensor, real: Tensor) -> Tensor:
         """Return means over steps [B, 4] of all windows: the future seen from the last observed

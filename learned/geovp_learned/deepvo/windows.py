@@ -1,6 +1,6 @@
 """Training windows for DeepVO: clips resized for the network's camera, and their augmentation."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -9,7 +9,7 @@ import torch
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Intrinsics
+from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
 from geovp_learned import tensors
 from geovp_learned.methods import Batch
 from geovp_learned.tensors import MIRROR
@@ -73,23 +73,6 @@ def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int = 1) -> l
     ]
 
 
-def batch(
-    chosen: Sequence[Window],
-    camera: Intrinsics,
-    num_past: int,
-    num_future: int,
-    augmentation: Augmentation,
-    rng: np.random.Generator,
-) -> Batch:
-    """Stack windows as tensors: "images" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and
-    "known" [B, P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
-    """
-    rows = [sample(window, camera, num_past, num_future, augmentation, rng) for window in chosen]
-    images, *others = zip(*rows, strict=True)
-    relative, known = (torch.from_numpy(np.stack(column).astype(np.float32)) for column in others)
-    return {"images": tensors.stack(images), "motions": relative, "known": known}
-
-
 def sample(
     window: Window,
     camera: Intrinsics,
@@ -97,9 +80,9 @@ def sample(
     num_future: int,
     augmentation: Augmentation,
     rng: np.random.Generator,
-) -> tuple[ByteArray, FloatArray, BoolArray]:
-    """Draw augmented images [P, H, W, 3], motions [P + F - 1, 4, 4] and a mask of the valid ones [P
-    + F - 1].
+) -> Batch:
+    """Draw an augmented window: "images" [P, 3, H, W] bytes, "motions" [P + F - 1, 4, 4], and
+    "known" [P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
     """
     shares = (
         augmentation.mirror_share,
@@ -129,7 +112,13 @@ def sample(
         )
     world_from_cam = clip.world_from_cam[np.minimum(steps, last)] @ cam_from_turned
     relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
-    return np.stack(images), MIRROR @ relative @ MIRROR if mirrored else relative, known
+    if mirrored:
+        relative = MIRROR @ relative @ MIRROR
+    return {
+        "images": tensors.bytes_from_frames(np.stack(images)),
+        "motions": torch.from_numpy(relative).float(),
+        "known": torch.from_numpy(known).float(),
+    }
 
 
 def _yawed(yaw_rad: FloatArray) -> FloatArray:

@@ -80,11 +80,13 @@ def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features])
 
 def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str, Tensor]:
     """Return the mean over scales of -D(fake), and the mean absolute difference of features (Wang
-    et al. 2018, eq. 4).
+    et al. 2018, eq. 4); the critic's weights get no gradients.
     """
     with torch.no_grad():
         wanted = critic(real)
+    critic.requires_grad_(False)
     given = critic(fake)
+    critic.requires_grad_(True)
     features = [
         (a, b)
         for one, other in zip(wanted, given, strict=True)

@@ -62,7 +62,7 @@ def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
 def reprojection_loss(
     inverse_depths: Tensor,  # [B, H, W] 1/m
     frames: Tensor,  # [B, 3, H, W] in [0, 1]
-    targets: Tensor,  # [B * V, 3, H, W]
+    targets: Tensor,  # [B, V, 3, H, W]
     cam_from_last: Tensor,  # [B, V, 4, 4]
     intrinsics: Tensor,  # [B, 4]
 ) -> Tensor:
@@ -78,7 +78,8 @@ def reprojection_loss(
     cameras = intrinsics.repeat_interleave(views, dim=0)
     positions, _, in_front = splatting.project(rays, depths, cam_from_last.flatten(0, 1), cameras)
     positions = positions.unflatten(1, size_px)  # [B * V, H, W, 2]
-    sampled, wanted = sample_images(targets, positions), frames.repeat_interleave(views, dim=0)
+    sampled = sample_images(targets.flatten(0, 1), positions)
+    wanted = frames.repeat_interleave(views, dim=0)
     error = (1 - SSIM_SHARE) * (sampled - wanted).abs().mean(dim=1) + SSIM_SHARE * _dssim(
         sampled, wanted
     )

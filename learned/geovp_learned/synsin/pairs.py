@@ -4,11 +4,12 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from torch.utils.data import default_collate
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -49,6 +50,16 @@ class FramePairs:
             camera,
             self.inverse_depth[:, ::-1],
         )
+
+    def tensors(self) -> Batch:
+        """Return the parts as tensors, images [..., 3, H, W] in [0, 1]."""
+        return {
+            "frames": images_from_frames(self.frame),
+            "targets": images_from_frames(self.targets),  # [V, 3, H, W]
+            "cam_from_last": torch.from_numpy(self.cam_from_last).float(),
+            "intrinsics": intrinsics_tensor(self.intrinsics)[0],
+            "inverse_depths": torch.from_numpy(self.inverse_depth.copy()).float(),
+        }
 
     def grey(self) -> FramePairs:
         """Remove the colours."""
@@ -92,21 +103,9 @@ def augmented(pairs: FramePairs, rng: np.random.Generator, grey_share: float) ->
     return pairs.grey() if rng.random() < grey_share else pairs
 
 
-def batch(chosen: Sequence[FramePairs]) -> Batch:
-    """Stack examples of one size as tensors."""
-    return {
-        "frames": images_from_frames(np.stack([one.frame for one in chosen])),  # [B, 3, H, W]
-        "targets": images_from_frames(
-            np.concatenate([one.targets for one in chosen])
-        ),  # [B * V, 3, H, W]
-        "cam_from_last": torch.from_numpy(
-            np.stack([one.cam_from_last for one in chosen])
-        ).float(),  # [B, V, 4, 4]
-        "intrinsics": torch.cat([intrinsics_tensor(one.intrinsics) for one in chosen]),  # [B, 4]
-        "inverse_depths": torch.from_numpy(
-            np.stack([one.inverse_depth for one in chosen])
-        ).float(),  # [B, H, W]
-    }
+def batch(chosen: Iterable[FramePairs]) -> Batch:
+    """Stack examples of one size as tensors, each with a first axis of size B."""
+    return default_collate([pairs.tensors() for pairs in chosen])
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:

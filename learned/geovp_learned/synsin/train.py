@@ -2,7 +2,7 @@
 thesis, eq. 3.7).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar
 
@@ -18,7 +18,7 @@ from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
 from geovp_learned.synsin.network import Architecture, Generator
-from geovp_learned.synsin.pairs import Example, FramePairs
+from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.published import PublishedGenerator
 from geovp_learned.tensors import psnr_db
 
@@ -92,31 +92,33 @@ class SynSinTraining:
         """
         return pairs.examples(clips, self.max_horizon)[:: 1 if training else self.validation_stride]
 
-    def batch(
-        self, examples: Sequence[Example], indices: Sequence[int], rng: np.random.Generator
-    ) -> Batch:
-        """Return the selected examples with horizons drawn from `rng`, some mirrored, some grey."""
-        return pairs.batch([self._drawn(examples[index], rng) for index in indices])
+    def example(self, item: Example, rng: np.random.Generator) -> Batch:
+        """Return an example with horizons drawn from `rng`, some mirrored, some grey."""
+        horizons = 1 + rng.choice(
+            self.max_horizon, self.views, replace=self.views > self.max_horizon
+        )
+        if rng.random() < self.near_share:
+            horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
+        drawn = pairs.frame_pairs(item, horizons.tolist())
+        return pairs.augmented(drawn, rng, self.grey_share).tensors()
 
-    def training_step(
-        self, networks: Networks, batch: Batch, step: int
-    ) -> Iterator[tuple[str, Losses]]:
-        """Yield the generator's losses, then the discriminator's on the generated images."""
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
+        """Return the generator's losses, and the discriminator's on the generated images."""
+        frames, intrinsics = batch["frames"], batch["intrinsics"]
         if step < self.depth_first_steps:
-            _, inverse_depths = networks["generator"](batch["frames"], batch["intrinsics"])
-            yield "generator", self._summed(self._depth_losses(inverse_depths, batch))
-            return
-        motion = (batch["intrinsics"], batch["cam_from_last"])
-        images, inverse_depths = networks["generator"](batch["frames"], *motion, self.depth_share)
-        fake, real = images.frames, batch["targets"]
-        critic = networks.get("discriminator")
-        parts = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}
-        if critic is not None:
-            parts |= discriminator.generator_losses(critic, fake, real)
-        yield "generator", self._summed(parts)
-        if critic is not None:
-            loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
-            yield "discriminator", {"total": loss}
+            _, inverse_depths = networks["generator"](frames, intrinsics)
+            return {"generator": self._summed(self._depth_losses(inverse_depths, batch))}
+        images, inverse_depths = networks["generator"](
+            frames, intrinsics, batch["cam_from_last"], self.depth_share
+        )
+        fake, real = images.frames, batch["targets"].flatten(0, 1)
+        terms = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}
+        if "discriminator" not in networks:
+            return {"generator": self._summed(terms)}
+        critic = networks["discriminator"]
+        terms |= discriminator.generator_losses(critic, fake, real)
+        loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
+        return {"generator": self._summed(terms), "discriminator": {"total": loss}}
 
     def validate(self, networks: Networks, examples: Sequence[Example]) -> dict[str, float]:
         """Return PSNR and losses at some horizons; the score is colour and content, weighted as in
@@ -134,7 +136,7 @@ class SynSinTraining:
             images, _ = networks["generator"](
                 batch["frames"], batch["intrinsics"], batch["cam_from_last"]
             )
-            fake, real = images.frames.clamp(0, 1), batch["targets"]
+            fake, real = images.frames.clamp(0, 1), batch["targets"].flatten(0, 1)
             parts = {
                 **self._summed(self._image_losses(fake, real)),
                 "psnr": psnr_db(fake, real).mean(),
@@ -142,14 +144,6 @@ class SynSinTraining:
             rows.append({name: float(part) for name, part in parts.items()})
         means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
         return {"score": means.pop("total"), **means}
-
-    def _drawn(self, example: Example, rng: np.random.Generator) -> FramePairs:
-        horizons = 1 + rng.choice(
-            self.max_horizon, self.views, replace=self.views > self.max_horizon
-        )
-        if rng.random() < self.near_share:
-            horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
-        return pairs.augmented(pairs.frame_pairs(example, horizons.tolist()), rng, self.grey_share)
 
     def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
         parts = {"colour": functional.l1_loss(fake, real)}

@@ -12,7 +12,7 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Context, Prediction
 from geovp_learned import checkpoints, devices, methods
-from geovp_learned.tensors import frames_from_images, stack
+from geovp_learned.tensors import frames_from_images, images_from_frames
 from geovp_learned.video.training import resize, unwrapped
 
 PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
@@ -56,10 +56,8 @@ class VideoPredictor(checkpoints.Pretrained):
         loaded, settings = self.load()
         network, recent = unwrapped(loaded), context.recent(settings.num_past)
         height_px, width_px = context.frames.shape[1:3]
-        observed = (
-            stack([resize(recent.frames, network.size_px, network.size_px)]).to(self.device).float()
-            / 255.0
-        )
+        resized = resize(recent.frames, network.size_px, network.size_px)
+        observed = images_from_frames(resized)[None].to(self.device)
         frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
         at_once = self.samples_at_once or max(1, PIXELS_AT_ONCE // network.size_px**2)
         for first in range(0, num_samples, at_once):

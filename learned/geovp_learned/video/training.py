@@ -1,7 +1,7 @@
 """What training SVG, SRVP and SLAMP has in common; a method adds its network and its losses."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -15,12 +15,11 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
 from geovp_learned import methods
 from geovp_learned.methods import Batch, Losses, Networks
-from geovp_learned.tensors import psnr_db, stack
+from geovp_learned.tensors import bytes_from_frames, grey, images_from_frames, psnr_db
 from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
 VALIDATION_BATCH = 8
 NEAR_STEPS = 5
-LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 
 
 class VideoNetwork(nn.Module):
@@ -89,23 +88,18 @@ class VideoTraining(ABC):
             clips, self.architecture.coding.size_px, self.num_past + self.num_future, stride
         )
 
-    def batch(
-        self, examples: Sequence[ByteArray], indices: Sequence[int], rng: np.random.Generator
-    ) -> Batch:
-        """Return the windows as "images" [B, T, 3, H, W] of bytes, half of them mirrored, some
-        grey.
-        """
-        return {
-            "images": stack(
-                [_augmented(examples[index], rng, self.grey_share) for index in indices]
-            )
-        }
+    def example(self, item: ByteArray, rng: np.random.Generator) -> Batch:
+        """Return a window as "images" [T, 3, H, W] of bytes: half are mirrored, some are grey."""
+        frames = item
+        if rng.random() < 0.5:
+            frames = frames[:, :, ::-1]
+        if rng.random() < self.grey_share:
+            frames = np.stack([grey(frame) for frame in frames])
+        return {"images": bytes_from_frames(frames)}
 
-    def training_step(
-        self, networks: Networks, batch: Batch, step: int
-    ) -> Iterator[tuple[str, Losses]]:
-        """Yield the losses of the only network."""
-        yield "video", self.losses(networks["video"], batch["images"].float() / 255.0)
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
+        """Return the losses of the only network."""
+        return {"video": self.losses(networks["video"], batch["images"].float() / 255.0)}
 
     def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
         """Return the mean PSNR (dB) of one sample and of the last frame repeated, at the network's
@@ -119,7 +113,9 @@ class VideoTraining(ABC):
         generator = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            images = (stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0).to(device)
+            images = images_from_frames(np.stack(examples[start : start + VALIDATION_BATCH])).to(
+                device
+            )
             observed, future = images[:, : self.num_past], images[:, self.num_past :]
             noises = (
                 torch.randn((*future.shape[:2], network.noise_size), generator=generator)
@@ -171,11 +167,3 @@ def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -
 def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
     """Resize frames [T, H, W, 3]."""
     return np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in frames])
-
-
-def _augmented(frames: ByteArray, rng: np.random.Generator, grey_share: float) -> ByteArray:
-    if rng.random() < 0.5:
-        frames = frames[:, :, ::-1]
-    if rng.random() < grey_share:
-        frames = np.repeat((frames @ LUMA).round().astype(np.uint8)[..., None], 3, axis=-1)
-    return frames

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch.utils.data import default_collate
 
 from geovp_classic.types import Clip
 from geovp_learned.synsin import network, pairs
@@ -160,9 +161,9 @@ def test_every_part_as_published_trains_all_its_weights(method: SynSinTraining, 
     before = {name: p.clone() for name, p in networks["generator"].named_parameters()}
     optimiser = undone.optimisers(networks)["generator"]
     for step in range(2):  # in the first one the head of 0 stops the gradient
-        for _, parts in undone.training_step(
-            networks, undone.batch(examples, [0, 1], np.random.default_rng(0)), step
-        ):
+        rng = np.random.default_rng(0)
+        batch = default_collate([undone.example(each, rng) for each in examples[:2]])
+        for parts in undone.training_step(networks, batch, step).values():
             optimiser.zero_grad()
             parts["total"].backward()
             optimiser.step()

@@ -66,11 +66,11 @@ def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip:
     batch = pairs.batch([scene, pairs.frame_pairs(Example(clip, 0), [2, 5])])
     assert {name: tuple(part.shape) for name, part in batch.items()} == {
         "frames": (2, 3, 32, 32),
-        "targets": (4, 3, 32, 32),
+        "targets": (2, 2, 3, 32, 32),
         "cam_from_last": (2, 2, 4, 4),
         "intrinsics": (2, 4),
         "inverse_depths": (2, 32, 32),
     }
     torch.testing.assert_close(
-        batch["targets"][3], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255
+        batch["targets"][1, 1], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255
     )

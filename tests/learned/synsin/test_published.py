@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
+from torch.utils.data import default_collate
 
 from geovp_classic.types import Clip, PrivilegedInput
 from geovp_learned import checkpoints, training_config, vgg
@@ -134,7 +135,8 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
     ]
     optimisers, rng = tiny.optimisers(networks), np.random.default_rng(0)
     for step in range(2):
-        for turn, parts in tiny.training_step(networks, tiny.batch(examples, [0, 1], rng), step):
+        batch = default_collate([tiny.example(each, rng) for each in examples[:2]])
+        for turn, parts in tiny.training_step(networks, batch, step).items():
             optimisers[turn].zero_grad()
             parts["total"].backward()
             optimisers[turn].step()

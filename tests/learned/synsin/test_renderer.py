@@ -35,7 +35,7 @@ def overfitted(
     optimisers = method.optimisers(networks)
     batch = pairs.batch([pairs.frame_pairs(pairs.Example(clip, NUM_PAST - 1), [0, 1, 2, 3, 4])])
     for step in range(150):
-        for turn, losses in method.training_step(networks, batch, step):
+        for turn, losses in method.training_step(networks, batch, step).items():
             optimisers[turn].zero_grad()
             losses["total"].backward()
             optimisers[turn].step()

@@ -33,7 +33,7 @@ def trained(
         share = final_share + (1 - final_share) * 0.5 * (1 + np.cos(np.pi * step / num_steps))
         for group in optimisers["generator"].param_groups:
             group["lr"] = method.rate * share
-        for turn, parts in method.training_step(networks, batch, step):
+        for turn, parts in method.training_step(networks, batch, step).items():
             optimisers[turn].zero_grad()
             parts["total"].backward()
             optimisers[turn].step()

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from geovp_classic.types import ByteArray
 from geovp_learned import training_config
-from geovp_learned.video import training
+from geovp_learned.tensors import images_from_frames
 from geovp_learned.video.slamp import Output as SlampOutput
 from geovp_learned.video.training import VideoTraining, unwrapped
 
@@ -48,7 +48,7 @@ def error(made: Tensor, real: Tensor) -> float:
 
 
 def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteArray) -> None:
-    images = training.stack([street_window]).float() / 255.0
+    images = images_from_frames(street_window)[None]
     network, history = trained(method, images, num_steps=150)
     assert history[-1]["error"] < 0.2 * history[0]["error"]
     noise = torch.randn(
