@@ -59,7 +59,8 @@ class Source:
         Raise BadData if the camera's intrinsics or the frame rate are missing, or if the data set
         has others.
         """
-        path, is_camera = request.path, request.path.name.isdecimal() and not request.path.exists()
+        path = request.path
+        is_camera = str(path).isdecimal() and not path.exists()
         if is_camera:
             recording = _camera(request)
             numbers = range(1)

@@ -66,8 +66,9 @@ def labelled(frame: ByteArray, label: str) -> ByteArray:
     """Return a frame with an outlined label in its lower left corner."""
     frame = np.ascontiguousarray(frame).copy()
     scale = max(0.35, min(1.0, len(frame) / 400))
-    for grey, thickness in ((0, 3), (255, 1)):
-        corner_px, colour = (4, len(frame) - 5), (grey, grey, grey)
-        font = cv2.FONT_HERSHEY_SIMPLEX
-        cv2.putText(frame, label, corner_px, font, scale, colour, thickness, cv2.LINE_AA)
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    # Thicker letters would be wider, so the outline is the label itself, shifted.
+    for right_px, down_px, grey in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, 255)):
+        corner_px = (4 + right_px, len(frame) - 5 + down_px)
+        cv2.putText(frame, label, corner_px, font, scale, (grey, grey, grey), 1, cv2.LINE_AA)
     return frame
