@@ -217,13 +217,15 @@ class TestSession:
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         session = Session(street_source(CLIP.frames), Channel(0.0), FORECAST)
+        shown: list[Shown] = []
 
         def fail(*_: object) -> None:
             raise BadData("the road ended")
 
         monkeypatch.setattr(session.live, "push", fail)
         with pytest.raises(BadData, match="the road ended"):
-            session.run(lambda _: None, threading.Event())
+            session.run(shown.append, threading.Event())
+        assert len(shown) < len(CLIP.frames)  # at once, not at the end of the recording
 
 
 class TestSource:

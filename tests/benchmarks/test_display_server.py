@@ -184,7 +184,7 @@ def test_malformed_messages_are_ignored() -> None:
             while session.commands.at(0.0):  # a driver who leaves releases the wheel
                 await asyncio.sleep(0.01)
 
-    asyncio.run(check())
+    asyncio.run(asyncio.wait_for(check(), 20))
 
 
 def test_a_port_in_use_gets_one_sentence(tmp_path: Path, refused: Says) -> None:
