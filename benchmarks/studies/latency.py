@@ -220,8 +220,8 @@ def received(
 
 def draw(path: Path, means: FloatArray, metric: str) -> None:
     """Draw the means [method, latency] of a metric."""
-    with panels(path, (4.5, 3.2), 1) as (axes,):
+    with panels(path, (9.5, 3.6), 1) as (axes,):
         for method, row in zip(METHODS, means, strict=True):
             axes.plot(LATENCY_FRAMES / 10, row, marker="o", markersize=3, label=method)
         axes.set_xlabel("latency (s)")
-        axes.set_ylabel(metric)
+        axes.set_ylabel(metric.upper())
