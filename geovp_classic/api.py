@@ -25,7 +25,8 @@ def open_clip(source: Spec | Path, index: int = 0) -> Clip:
 
     `source` is a table {"name": ..., **settings} as in a matrix file, the name of a data set
     without required settings ("synthetic"), or a folder in the layout of KITTI odometry or raw,
-    TUM RGB-D, EuRoC, or a COLMAP model with its images. Raises BadData for any other source.
+    TUM RGB-D, EuRoC, or a COLMAP model with its images, or a ROS bag. Raises BadData for any other
+    source.
     """
     dataset: Dataset = registry.build("datasets", _dataset_spec(source))
     if not 0 <= index < len(dataset):

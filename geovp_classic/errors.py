@@ -24,6 +24,11 @@ class MissingExtra(GeovpError):
     """Registered component with a requirement that is not installed or not on disk."""
 
 
+def install_command(extra: str) -> str:
+    """Return the pip command that installs an extra of this package."""
+    return f"pip install 'geovp-classic[{extra}]'"
+
+
 def nearest(word: str, words: Iterable[str]) -> str:
     """Return the end of a message: the nearest of the words, or all of them."""
     words = sorted(words)

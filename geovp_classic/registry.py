@@ -21,6 +21,7 @@ from geovp_classic.errors import (
     MissingExtra,
     UnknownComponent,
 )
+from geovp_classic.errors import install_command as install_command
 from geovp_classic.errors import nearest as nearest
 
 PROTOCOL_OF_ROLE: dict[str, type] = {
@@ -48,6 +49,7 @@ EXTRA_OF_MODULE = {
     "av": "video",
     "argcomplete": "completion",
     "aiohttp": "display",
+    "rosbags": "rosbag",
     "onnx": "onnx",
     "onnxruntime": "pretrained",
     "transformers": "pretrained",
@@ -84,11 +86,6 @@ def load(role: str, name: str) -> type:
         raise MissingExtra(
             f"component {name!r} of {role} cannot be loaded ({error}): {remedy}"
         ) from error
-
-
-def install_command(extra: str) -> str:
-    """Return the pip command that installs an extra of this package."""
-    return f"pip install 'geovp-classic[{extra}]'"
 
 
 def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import bag_files
 import cv2
 import numpy as np
 import pytest
@@ -330,6 +331,16 @@ def write_colmap() -> Callable[..., Path]:
         return folder
 
     return write
+
+
+@pytest.fixture(scope="session")
+def write_rosbag() -> Callable[..., Path]:
+    """Return a function that writes a clip as the bag `root/name`, of the kind of its ending.
+
+    The kinds are ROS 1 (`.bag`), and folders of ROS 2 with MCAP (`mcap`) or SQLite.
+    """
+    pytest.importorskip("rosbags", reason="needs the extra 'rosbag'")
+    return bag_files.write
 
 
 @pytest.fixture(scope="session")

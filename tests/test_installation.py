@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -55,6 +56,15 @@ def test_a_missing_extra_is_named_with_its_command(module: str, role: str, name:
     done = run_without((module,), code)
     assert done.returncode == 2
     assert registry.install_command(registry.EXTRA_OF_MODULE[module]) in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_bag_without_its_extra_names_the_command(tmp_path: Path) -> None:
+    (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\n")
+    code = f"from geovp_benchmarks import cli; sys.exit(cli.main(['doctor', {str(tmp_path)!r}]))"
+    done = run_without(("rosbags",), code)
+    assert done.returncode == 2
+    assert registry.install_command("rosbag") in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 

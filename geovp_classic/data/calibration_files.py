@@ -64,10 +64,17 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
             camera, _ = read_projection(path, name, size_px)
         else:
             camera = _camera_of_colmap(text)
+    return scaled_to(camera, size_px, str(path))
+
+
+def scaled_to(
+    camera: DistortedCamera, size_px: Size, source: str
+) -> DistortedCamera:
+    """Return the camera for images of another size; BadData if the aspect ratio differs, too."""
     width_px, height_px = camera.size_px
     if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
         raise BadData(
-            f"{path} is about images of {width_px}x{height_px}, these are "
+            f"{source} is about images of {width_px}x{height_px}, these are "
             f"{size_px[0]}x{size_px[1]}: give the file of this camera, or --intrinsics"
         )
     return replace(camera, pinhole=camera.pinhole.resized(*size_px))

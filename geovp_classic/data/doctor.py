@@ -102,7 +102,7 @@ class Doctor:
         sizes_px: set[Size] = set()
         focals = set()
         for scan in scans.values():
-            camera_sizes_px = _image_sizes(scan.images, findings, deep)
+            camera_sizes_px = _image_sizes(scan, findings, deep)
             sizes_px |= camera_sizes_px
             focals.add(
                 self._examine_cameras(folder, scan, camera_sizes_px, findings)
@@ -227,19 +227,22 @@ def _text(size_px: Size) -> str:
     return f"{size_px[0]}x{size_px[1]}"
 
 
-def _image_sizes(
-    images: Sequence[Path], findings: Findings, deep: bool
-) -> set[Size]:
+def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
-    The first image, or with `deep` every one, is decoded.
+    The first image, or with `deep` every one, is decoded. Images that are no files are not
+    examined otherwise.
     """
     sizes_px: list[Size] = []
-    for path in images:
+    for path in scan.images:
         with findings.catch(path):
-            size_px = image_size(path)
-            if deep or not sizes_px:
-                read_image(path)
+            must_decode = deep or not sizes_px
+            if scan.load is None:
+                size_px = image_size(path)
+                if must_decode:
+                    read_image(path)
+            elif must_decode:
+                size_px = scan.load(path).shape[1::-1]
             if sizes_px and size_px not in sizes_px:
                 message = f"is {_text(size_px)} pixels, but those before are {_text(sizes_px[0])}"
                 findings.add(path, message)

@@ -85,7 +85,9 @@ class Folder(SequenceDataset):
             return {self.name: self.path}
         expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
         return sequence_folders(
-            self.path, lambda path: bool(image_files(path)), expected
+            self.path,
+            lambda path: not path.is_file() and bool(image_files(path)),
+            expected,
         )
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:

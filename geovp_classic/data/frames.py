@@ -41,7 +41,11 @@ class FrameReader(Protocol):
 
 def decode(path: Path, flags: int) -> Array:
     """Return the image of a file as OpenCV decodes it; BadData if the file is damaged."""
-    data = files.read_bytes(path)
+    return decode_bytes(path, files.read_bytes(path), flags)
+
+
+def decode_bytes(path: Path, data: bytes, flags: int) -> Array:
+    """Return the image of a file's content; BadData calls it `path`."""
     _check_image(path, io.BytesIO(data))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -59,7 +63,17 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
     are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
     alike. BadData if the file is damaged.
     """
-    image = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return decode_rgb(path, files.read_bytes(path), bits)
+
+
+def decode_rgb(path: Path, data: bytes, bits: int | None) -> ByteArray:
+    """Return the RGB image [H, W, 3] of a file's content, as `read_image`."""
+    image = decode_bytes(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return cv2.cvtColor(to_8_bits(path, image, bits), cv2.COLOR_BGR2RGB)
+
+
+def to_8_bits(path: Path, image: Array, bits: int | None) -> ByteArray:
+    """Return the upper 8 of an image's used `bits`, as in `read_image`."""
     if image.dtype == np.uint16 and bits is not None and 8 <= bits <= 16:
         if (max_value := image.max()) >= 2**bits:
             raise BadData(
@@ -72,7 +86,7 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
             "or set image_bits to the number of used bits (8 to 16) if they are uint16"
         )
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return image
 
 
 def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:

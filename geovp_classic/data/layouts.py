@@ -9,6 +9,7 @@ from geovp_classic.data.euroc import Euroc
 from geovp_classic.data.folder import Folder
 from geovp_classic.data.kitti import Kitti
 from geovp_classic.data.kitti_raw import KittiRaw
+from geovp_classic.data.rosbag import RosBag
 from geovp_classic.data.tum import Tum
 from geovp_classic.errors import BadData
 
@@ -18,6 +19,7 @@ LAYOUTS: dict[str, Any] = {
     "tum": Tum,
     "euroc": Euroc,
     "colmap": Colmap,
+    "rosbag": RosBag,
     "folder": Folder,
 }
 
@@ -36,7 +38,7 @@ def detect(root: Path) -> tuple[str, Any]:
             return name, dataset
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
-        "raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
+        "raw, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, or a folder of images"
     )
 
 

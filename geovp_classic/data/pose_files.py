@@ -33,7 +33,7 @@ def read_tum(
     path: Path, findings: Findings = RAISE
 ) -> tuple[FloatArray, FloatArray]:
     """Read times in seconds [N] and world_from_cam [N, 4, 4]."""
-    return _read(path, (8,), _pose_of_quaternion, findings)
+    return _read(path, (8,), pose_of_quaternion, findings)
 
 
 def read_asl(
@@ -43,7 +43,7 @@ def read_asl(
 
     def pose_of(numbers: FloatArray) -> FloatArray:
         # the real part of the quaternion comes first
-        return _pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
+        return pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
 
     times_ns, world_from_body = _read(path, (17, 8), pose_of, findings, ",")
     return (times_ns - start_ns) / 1e9, world_from_body
@@ -140,10 +140,10 @@ def _pose_of_matrix(numbers: FloatArray) -> FloatArray:
     return se3.orthonormalised(pose, ROTATION_TOLERANCE)
 
 
-def _pose_of_quaternion(numbers: FloatArray) -> FloatArray:
+def pose_of_quaternion(numbers: FloatArray) -> FloatArray:
     """Convert t, x, y, z, qx, qy, qz, qw to a pose."""
     length = np.linalg.norm(numbers[4:])
-    if abs(length - 1) > ROTATION_TOLERANCE:
+    if not abs(length - 1) <= ROTATION_TOLERANCE:  # NaN, too
         raise BadData(f"the quaternion has length {length:.4g}, expected 1")
     return se3.compose(
         Rotation.from_quat(numbers[4:]).as_matrix(), numbers[1:4]

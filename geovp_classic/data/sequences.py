@@ -1,8 +1,8 @@
 """Data sets of several sequences below one root, and the frames that their clips are cut from.
 
-A layout (`kitti`, `kitti_raw`, `tum`, `euroc`, `colmap`, `folder`) scans the folder of a sequence
-into a `Scan`, and adds what is wrong with its files to the findings: a data set raises the first
-error, the doctor lists all of them.
+A layout (`kitti`, `kitti_raw`, `tum`, `euroc`, `colmap`, `rosbag`, `folder`) scans a sequence into
+a `Scan`, and adds what is wrong with its files to the findings: a data set raises the first error,
+the doctor lists all of them.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ from geovp_classic.types import Clip, FloatArray, IntArray, Trajectory
 class Scan:
     """A sequence of N images, whose times, poses and depths were matched to them."""
 
-    images: tuple[Path, ...]  # N
+    images: tuple[Path, ...]  # N, files, or names that `load` knows
     times_s: FloatArray  # [N], increasing; NaN where a line is bad
     cameras: tuple[DistortedCamera, ...] = ()  # N; empty without a calibration
     # [N, 4, 4], NaN for an image without a pose; None if no poses are recorded
@@ -47,6 +47,7 @@ class Scan:
     is_metric: bool = True
     # of one of several cameras
     cam_from_rig: FloatArray = field(default_factory=lambda: np.eye(4))
+    load: Load | None = None  # of images that are no files
 
     @property
     def posed(self) -> IntArray:
@@ -95,7 +96,7 @@ class Scan:
         cameras = posed(self.cameras)
         sizes_px = tuple(camera.size_px for camera in cameras)
         view = common_pinhole(cameras, source)
-        images = FrameFiles(posed(self.images), sizes_px, load)
+        images = FrameFiles(posed(self.images), sizes_px, self.load or load)
         trajectory = None
         if self.world_from_cam is not None:
             poses = self.world_from_cam[numbers]
@@ -119,19 +120,18 @@ class Scan:
 def sequence_folders(
     root: Path, is_sequence: Callable[[Path], bool], expected: str
 ) -> dict[str, Path]:
-    """Return the sequences of a root by name: the root itself, else its sub-folders.
+    """Return the sequences of a root by name: the root itself, else those in it.
 
     BadData if there is none.
     """
     if is_sequence(root):
         return {root.resolve().name: root}
     folders = {
-        path.name: path for path in sorted(root.glob("*/")) if is_sequence(path)
+        path.name: path for path in sorted(root.glob("*")) if is_sequence(path)
     }
     if not folders:
         raise BadData(
-            f"{root} does not exist or holds no sequence: give {expected}, or a folder of such "
-            "folders"
+            f"{root} does not exist or holds no sequence: give {expected}, or a folder of several"
         )
     return folders
 

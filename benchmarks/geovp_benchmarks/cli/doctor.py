@@ -18,7 +18,9 @@ from geovp_benchmarks.progress import Progress, tracked
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the folder and how much of it is read."""
-    text = "Folder of KITTI odometry or raw, TUM, EuRoC, COLMAP or images, or a results folder."
+    text = (
+        "Folder of KITTI odometry or raw, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
+    )
     add(parser, "root", "FOLDER", text)
     group = add_group(parser, "data sets")
     add_flag(group, "--deep", "Decode all images. Default: check names and headers.")

@@ -18,7 +18,7 @@ from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, at_lea
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the frames, the odometry and the output."""
-    text = 'Folder of a data set, or its table as in TOML: {root = "...", camera = 0}.'
+    text = 'Folder of a data set, ROS bag, or its table as in TOML: {root = "...", camera = 0}.'
     add(parser, "root", "SPEC", text)
     text = "Sequences or parts of them, such as 03 or 03[0:360)."
     add(parser, "frames", "FRAMES...", text)

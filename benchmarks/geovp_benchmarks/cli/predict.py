@@ -20,9 +20,11 @@ from geovp_benchmarks.progress import Progress, announce
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the input, the camera, the prediction and the output."""
-    add(parser, "path", "INPUT", "Video or folder of images.", type=Path)
+    add(parser, "path", "INPUT", "Video, folder of images, or ROS bag.", type=Path)
     group = add_group(parser, "input")
-    text = "Frame rate; required for a folder. Default: that of the video."
+    text = "Image topic of a bag. Default: the only one."
+    add(group, "--topic", "NAME", text)
+    text = "Frame rate; required for a folder. Default: that of the video or bag."
     add(group, "--fps", "X", text, dest="rate_hz")
     text = "Number of the first observed frame. Default: the latest possible."
     add(group, "--first", "NUMBER", text, type=int)

@@ -67,9 +67,9 @@ class Source:
         elif layouts.detect(path)[0] == "folder":
             if sequence is not None:
                 raise BadData(f"{path} has no sequences: remove --sequence")
-            recording = read_recording(request)
+            recording, lens = read_recording(request)
             numbers = range(len(recording.frames))
-            _, recording = find_camera(recording, len(numbers), request)
+            _, recording = find_camera(recording, lens, len(numbers), request)
         else:
             recording, numbers = _sequence(request, sequence)
         stored = recording.intrinsics
@@ -117,7 +117,7 @@ def _camera(request: PredictionRequest) -> Recording:
         placeholder,
         camera_height_m=request.camera_height_m,
     )
-    return find_camera(recording, 1, request)[1]
+    return find_camera(recording, None, 1, request)[1]
 
 
 def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recording, range]:

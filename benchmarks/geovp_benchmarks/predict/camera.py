@@ -33,6 +33,7 @@ class Camera:
 
 def find_camera(
     recording: Recording,
+    recorded: DistortedCamera | None,  # beside the images
     num_observed: int,  # frames up to the last observed one; later ones are not read
     request: PredictionRequest,
 ) -> tuple[Camera, Recording]:
@@ -42,6 +43,8 @@ def find_camera(
     if request.calibration is not None:
         source = "calibration file"
         lens = read_camera(request.calibration, request.path, (width_px, height_px))
+    elif recorded is not None and not (request.intrinsics or request.fov_deg):
+        source, lens = "CameraInfo", recorded
     else:
         numbers = request.intrinsics
         if numbers is None:

@@ -1,4 +1,4 @@
-"""Prediction of one clip from a folder of images or a video."""
+"""Prediction of one clip from a folder of images, a video or a bag."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -14,8 +14,10 @@ from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
 from geovp_classic import registry
 from geovp_classic.api import evaluate
-from geovp_classic.data import windows
+from geovp_classic.data import bags, windows
 from geovp_classic.data.folder import Folder
+from geovp_classic.data.frames import FrameFiles
+from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -27,6 +29,7 @@ from geovp_classic.types import (
     ByteArray,
     Context,
     FloatArray,
+    Intrinsics,
     Motion,
     Prediction,
     PrivilegedInput,
@@ -154,7 +157,7 @@ def predict(request: PredictionRequest) -> Predicted:
         name = registry.name_of(predictor)
         raise BadData(f"{name} needs {missing.name}, which a video does not have")
     announce("reading frames")
-    recording = read_recording(request)
+    recording, lens = read_recording(request)
     num_past, num_frames = request.num_past, len(recording.frames)
     first = num_frames - num_past if request.first is None else request.first
     if not 0 <= first <= num_frames - num_past:
@@ -163,7 +166,7 @@ def predict(request: PredictionRequest) -> Predicted:
             f"the last possible --first is {num_frames - num_past}; or give a smaller --past"
         )
     announce("calibrating", 1)
-    camera, recording = find_camera(recording, first + num_past, request)
+    camera, recording = find_camera(recording, lens, first + num_past, request)
     stored = recording.intrinsics
     size_px = request.size_px or output_size(stored.width_px, stored.height_px)
     num_recorded = min(num_past + request.num_future, num_frames - first)
@@ -183,21 +186,34 @@ def predict(request: PredictionRequest) -> Predicted:
     return Predicted(request, predictor, camera, context, first, prediction, scene, actual)
 
 
-def read_recording(request: PredictionRequest) -> Recording:
-    """Return a video or a folder of images, whose intrinsics are placeholders.
-
-    Raise BadData for a folder without a frame rate.
-    """
+def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
+    """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
+    numbers = (1000.0, 1000.0, 0.0, 0.0)
+    if bags.is_bag(request.path):
+        if request.rate_hz is not None:
+            raise BadData(f"{request.path} states its times: leave out --fps")
+        bag = bags.Bag(request.path)
+        images = bags.BagImages(bag, request.topic, None)
+        recording = Recording(
+            request.path.name,
+            FrameFiles(images.names, (images.size_px,) * len(images.names), images.read),
+            images.times_s,
+            Intrinsics(*numbers, *images.size_px),
+            camera_height_m=request.camera_height_m,
+        )
+        return recording, bag.camera(images.topic, images.size_px)
+    if request.topic is not None:
+        raise BadData(f"{request.path} is not a bag: leave out --topic")
     if request.path.is_dir() and request.rate_hz is None:
         raise BadData(f"{request.path} is a folder of images, which have no times: give --fps")
     folder = Folder(
         path=request.path,
         num_frames=2,
-        intrinsics=(1000.0, 1000.0, 0.0, 0.0),
+        intrinsics=numbers,
         frame_rate_hz=request.rate_hz,
         camera_height_m=request.camera_height_m,
     )
-    return folder.recording
+    return folder.recording, None
 
 
 def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:

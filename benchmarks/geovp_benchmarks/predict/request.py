@@ -18,7 +18,7 @@ Spec = dict[str, Any] | str
 class PredictionRequest:
     """Input of `predict`."""
 
-    path: Path  # a folder of images or a video
+    path: Path  # a folder of images, a video or a bag
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy of stored images
     fov_deg: float | None = None  # horizontal
     calibration: Path | None = None
@@ -38,6 +38,7 @@ class PredictionRequest:
     num_samples: int = 1
     mask: Path | None = None
     device: str | None = None
+    topic: str | None = None  # of images, if a bag has several
 
     def build(self) -> FramePredictor:
         """Build the predictor; by default refined odometry with a forecast, and depth fusion.
