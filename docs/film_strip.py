@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import geovp_classic as geovp
+import geovp
 from geovp_benchmarks.plots import Options, Page, clips
 
 CLIP = 3  # brakes at a crossing

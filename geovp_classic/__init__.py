@@ -1,6 +1,6 @@
 """GeoVP: geometry-based video prediction with a moving camera; the classical suite, without torch.
 
-Public names are imported on first use, so that `import geovp_classic as geovp` is fast.
+Public names are imported on first use, so that `import geovp` is fast.
 """
 
 from typing import TYPE_CHECKING
@@ -53,7 +53,7 @@ if not TYPE_CHECKING:
         from importlib import metadata
 
         if name == "__version__":
-            return metadata.version("geovp-classic")
+            return metadata.version("geovp")
         if name not in __all__:
             raise AttributeError(
                 f"module 'geovp_classic' has no attribute {name!r}"

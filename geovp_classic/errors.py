@@ -26,7 +26,7 @@ class MissingExtra(GeovpError):
 
 def install_command(extra: str) -> str:
     """Return the pip command that installs an extra of this package."""
-    return f"pip install 'geovp-classic[{extra}]'"
+    return f"pip install 'geovp[{extra}]'"
 
 
 def nearest(word: str, words: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ def add_needed(name: str, needed: dict[str, metadata.Distribution]) -> None:
 def main() -> None:
     """Print the size; exit with an error if it is not below the limit."""
     needed: dict[str, metadata.Distribution] = {}
-    add_needed("geovp-classic", needed)
+    add_needed("geovp", needed)
     files = {Path(str(file.locate())) for each in needed.values() for file in each.files or ()}
     size_mb = sum(path.stat().st_size for path in files if path.exists()) / 1e6
     print(f"{size_mb:.1f} MB in {len(needed)} distributions")

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import geovp_classic as geovp
+import geovp
 import studies
 from geovp_benchmarks import cli
 from geovp_benchmarks.matrix import multiple_datasets, schema

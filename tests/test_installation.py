@@ -69,5 +69,5 @@ def test_a_bag_without_its_extra_names_the_command(tmp_path: Path) -> None:
 
 
 def test_the_extra_of_each_module_exists() -> None:
-    offered = set(metadata.metadata("geovp-classic").get_all("Provides-Extra") or [])
+    offered = set(metadata.metadata("geovp").get_all("Provides-Extra") or [])
     assert set(registry.EXTRA_OF_MODULE.values()) < offered

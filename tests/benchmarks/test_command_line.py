@@ -165,7 +165,7 @@ def test_the_page_of_a_component(printed: Says) -> None:
     fusion = tomllib.loads(printed("list", "depth-fusion"))["renderers"]["depth-fusion"]
     assert fusion["num_frames"] == 10
     assert fusion["inpainter"]["name"] == "detail-transfer"
-    assert "from geovp_classic.renderers.depth_fusion:DepthFusion of geovp-classic" in printed(
+    assert "from geovp_classic.renderers.depth_fusion:DepthFusion of geovp" in printed(
         "list", "depth-fusion"
     )
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-import geovp_classic as geovp
+import geovp
 from geovp_benchmarks.matrix import multiple_datasets
 from geovp_benchmarks.results.store import Results
 from geovp_classic.errors import BadData, UnknownComponent

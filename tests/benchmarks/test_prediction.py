@@ -246,7 +246,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert [about[name] for name in ("first", "observed", "predicted")] == [0, 8, 3]
     assert about["settings"]["size_px"] == [96, 96]
     assert about["predictor"]["pose_source"]["name"] == "refined"
-    assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
+    assert {"python", "numpy", "geovp"} <= about["versions"].keys()
     assert about["code"] == code_hash([street])  # all of its components are of this package
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found

@@ -143,9 +143,7 @@ class TestPage:
     @pytest.fixture
     def page(self, results: Results, tmp_path: Path) -> Path:
         protocol = results.protocol()
-        results.write_protocol(
-            {**protocol, "versions": {"geovp-classic": "0.1.0", "numpy": "2.4.6"}}
-        )
+        results.write_protocol({**protocol, "versions": {"geovp": "0.1.0", "numpy": "2.4.6"}})
         return tmp_path / "docs" / "demo.md"
 
     def test_it_says_commands_date_versions_and_tables(
@@ -156,7 +154,7 @@ class TestPage:
         assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
         assert f"geovp table {results.root} --page {page} --strict\n```" in text
         assert f"Written on {datetime.date.today().isoformat()} by" in text
-        assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text
+        assert "computed with geovp 0.1.0, numpy 2.4.6." in text
         assert told.strip() in text
 
     def test_notes_below_stay_and_old_tables_go(

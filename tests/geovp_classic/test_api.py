@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-import geovp_classic as geovp
+import geovp
 from geovp_classic.errors import BadData, Incompatible, UnknownComponent
 from geovp_classic.pose_sources.stand_still import StandStill
 
@@ -113,7 +113,7 @@ class TestEvaluate:
 
 
 SCRIPT = """
-import geovp_classic as geovp
+import geovp
 
 clip: geovp.Clip = geovp.open_clip("synthetic")
 context, target = clip.split(10, geovp.PrivilegedInput.NONE)

@@ -134,7 +134,7 @@ def test_an_incomplete_table_is_refused(spec: Any) -> None:
 
 def test_components_that_cannot_be_used_are_still_listed() -> None:
     assert registry.names("forecasters") == ["deep", "drift", "gone", "odd"]
-    with pytest.raises(MissingExtra, match=r"pip install 'geovp-classic\[learned\]'"):
+    with pytest.raises(MissingExtra, match=r"pip install 'geovp\[learned\]'"):
         registry.build("forecasters", "deep")
     with pytest.raises(MissingExtra, match="cannot be loaded"):
         registry.build("forecasters", "gone")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import geovp_classic as geovp
+import geovp
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
     Clip,

@@ -49,7 +49,7 @@ class PrintVersion(argparse.Action):
         """Print the version and exit."""
         from importlib import metadata
 
-        print(f"geovp {metadata.version('geovp-classic')}")
+        print(f"geovp {metadata.version('geovp')}")
         parser.exit()
 
 

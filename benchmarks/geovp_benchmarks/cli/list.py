@@ -65,7 +65,7 @@ def summary(entry: metadata.EntryPoint) -> str:
     from geovp_classic.registry import EXTRA_OF_MODULE
 
     text, package = entry.name, entry.dist.name if entry.dist else ""
-    if package != "geovp-classic":
+    if package != "geovp":
         text += f" [{package}]"
     if missing := missing_package(entry.module):
         extra = EXTRA_OF_MODULE.get(missing)

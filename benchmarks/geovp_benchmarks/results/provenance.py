@@ -55,7 +55,7 @@ def versions() -> dict[str, str]:
     from llvmlite.binding import get_host_cpu_name
 
     installed = {"python": platform.python_version(), "processor": get_host_cpu_name()}
-    packages = "geovp-classic numpy scipy numba opencv-contrib-python-headless open3d pycolmap"
+    packages = "geovp numpy scipy numba opencv-contrib-python-headless open3d pycolmap"
     for package in [*packages.split(), "torch"]:
         with contextlib.suppress(metadata.PackageNotFoundError):
             installed[package] = metadata.version(package)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import geovp_classic as geovp
+import geovp
 from geovp_benchmarks.evaluation.odometry import TrackedPath
 from geovp_classic.data import pose_files
 from geovp_classic.geometry import se3

@@ -125,7 +125,7 @@ def evo(tool: str, folder: Path, *options: str) -> float:
     """The root mean square that evo finds for estimate.txt against truth.txt."""
     program = Path(sys.executable).with_name(tool)
     if not program.exists():
-        pytest.skip("evo is not installed: pip install 'geovp-classic[dev]'")
+        pytest.skip("evo is not installed: pip install 'geovp[dev]'")
     result = folder / "result.zip"
     result.unlink(missing_ok=True)
     command = [
