@@ -34,7 +34,7 @@ def section(parser: argparse.ArgumentParser) -> Iterator[str]:
         actions = [action for action in group._group_actions if action.dest != "help"]
         if actions:
             title = (group.title or "").capitalize()
-            rows = [f"| `{spelling(each)}` | {prose(each.help)} |" for each in actions]
+            rows = [f"| {spelling(each)} | {prose(each.help)} |" for each in actions]
             if group.description:
                 yield prose(group.description)
             yield "\n".join([f"| {title} | |", "| --- | --- |", *rows])
@@ -44,7 +44,7 @@ def section(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def spelling(action: argparse.Action) -> str:
-    """Return the names of an option with its values, or the name of a positional argument."""
+    """Return the names of an option with its values, or a positional argument, as HTML code."""
     formatter = argparse.HelpFormatter("geovp")
     names = ", ".join(action.option_strings)
     values = formatter._format_args(action, str(action.metavar or action.dest).upper())
@@ -52,7 +52,8 @@ def spelling(action: argparse.Action) -> str:
         values = str(action.metavar or action.dest)
     elif action.nargs == 0:
         values = ""
-    return f"{names} {values}".strip().replace("|", r"\|")
+    code = html.escape(f"{names} {values}".strip(), quote=False).replace("|", "&#124;")
+    return f"<code>{code}</code>"
 
 
 def prose(text: str | None) -> str:

@@ -36,7 +36,7 @@ def test_all_options_of_a_command_are_listed(command: str, page: str) -> None:
     parser = argparse.ArgumentParser()
     importlib.import_module(f"geovp_benchmarks.cli.{command}").add_arguments(parser)
     options = {name for name in parser._option_string_actions if name not in ("-h", "--help")}
-    listed = re.findall(r"^\| `([^`]+)`", section, re.MULTILINE)
+    listed = re.findall(r"^\| <code>(.+?)</code>", section, re.MULTILINE)
     assert options <= {word.strip(",") for line in listed for word in line.split()}
 
 

@@ -322,3 +322,10 @@ def test_a_video_can_be_predicted(results: Path, tmp_path: Path) -> None:
     for line in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", line):
             assert (out / name).exists(), name
+
+
+def test_all_metrics_are_on_their_page() -> None:
+    page = (ROOT / "docs/concepts/metrics.md").read_text()
+    for role in ("frame_metrics", "trajectory_metrics"):
+        for name in registry.names(role):
+            assert f"| [`{name}`](#" in page, name
