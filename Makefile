@@ -43,7 +43,7 @@ lint: $(READY)  ## format, lint rules and types
 	$(BIN)/mypy
 
 docs: $(READY)  ## the documentation as a site in site/; a broken link or reference is an error
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # The environment has the wheel, and the libraries of .venv beside it: nothing is downloaded.
 wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from another folder
