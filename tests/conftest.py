@@ -80,7 +80,8 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
             elif name == "kitti-raw":
                 _write_kitti_raw(tmp_path, 1, clip)
             else:
-                request.getfixturevalue(f"write_{name}")(tmp_path, "00", clip)
+                write = request.getfixturevalue(f"write_{name}")
+                write(tmp_path, "street_000000_000019", clip)
         if name == "folder":
             settings["path"] = settings.pop("root") + "/sequences/00/image_2"
         if name == "recorded" and role == "odometries":
@@ -300,6 +301,49 @@ def write_euroc() -> Callable[..., Path]:
         return root / name
 
     return write
+
+
+@pytest.fixture(scope="session")
+def write_cityscapes() -> Callable[..., Path]:
+    return _write_cityscapes
+
+
+def _write_cityscapes(
+    root: Path, name: str, clip: Clip, split: str = "val", turn_rad_s: float | None = None
+) -> Path:
+    """Write a clip as a snippet, the last frame being repeated; return the path of no file.
+
+    Frames are cropped to twice their height. With a yaw rate, the car drives 8.5 m/s.
+    """
+    sequence, annotated = name.rsplit("_", 1)
+    inner = Path(split, sequence.split("_")[0])
+    left, camera, vehicle = (
+        root / kind / inner for kind in ("leftImg8bit_sequence", "camera", "vehicle_sequence")
+    )
+    for folder in (left, camera, vehicle):
+        folder.mkdir(parents=True, exist_ok=True)
+    size = clip.intrinsics
+    top_px = (size.height_px - size.width_px // 2) // 2
+    rows = slice(top_px, top_px + size.width_px // 2)
+    for step in range(30):
+        frame = clip.frames[min(step, len(clip.frames) - 1), rows]
+        stem = f"{sequence}_{int(annotated) - 19 + step:06d}"
+        cv2.imwrite(str(left / f"{stem}_leftImg8bit.png"), frame[..., ::-1])
+        if turn_rad_s is not None:
+            reading = {"gpsHeading": 118, "speed": 8.5, "yawRate": turn_rad_s}
+            (vehicle / f"{stem}_vehicle.json").write_text(json.dumps(reading))
+    scale = 2048 / size.width_px  # pixel (0, 0) is the centre of a pixel
+    intrinsic = {
+        "fx": scale * size.fx_px,
+        "fy": scale * size.fy_px,
+        "u0": scale * (size.cx_px + 0.5) - 0.5,
+        "v0": scale * (size.cy_px - top_px + 0.5) - 0.5,
+    }
+    extrinsic = {"baseline": 0.209313, "pitch": 0.038, "roll": 0.01, "yaw": -0.0195}
+    extrinsic |= {"x": 1.7, "y": 0.1, "z": 1.22}
+    table = {"extrinsic": extrinsic, "intrinsic": intrinsic}
+    (camera / f"{name}_camera.json").write_text(json.dumps(table))
+    return left / name
 
 
 @pytest.fixture(scope="session")

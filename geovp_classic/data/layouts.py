@@ -4,6 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
+from geovp_classic.data.cityscapes import Cityscapes
 from geovp_classic.data.colmap import Colmap
 from geovp_classic.data.euroc import Euroc
 from geovp_classic.data.folder import Folder
@@ -16,6 +17,7 @@ from geovp_classic.errors import BadData
 LAYOUTS: dict[str, Any] = {
     "kitti-raw": KittiRaw,
     "kitti": Kitti,
+    "cityscapes": Cityscapes,
     "tum": Tum,
     "euroc": Euroc,
     "colmap": Colmap,
@@ -38,7 +40,8 @@ def detect(root: Path) -> tuple[str, Any]:
             return name, dataset
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
-        "raw, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, or a folder of images"
+        "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, or a folder "
+        "of images"
     )
 
 

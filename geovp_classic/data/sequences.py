@@ -1,8 +1,8 @@
 """Data sets of several sequences below one root, and the frames that their clips are cut from.
 
-A layout (`kitti`, `kitti_raw`, `tum`, `euroc`, `colmap`, `rosbag`, `folder`) scans a sequence into
-a `Scan`, and adds what is wrong with its files to the findings: a data set raises the first error,
-the doctor lists all of them.
+A layout (`kitti`, `kitti_raw`, `cityscapes`, `tum`, `euroc`, `colmap`, `rosbag`, `folder`) scans a
+sequence into a `Scan`, and adds what is wrong with its files to the findings: a data set raises the
+first error, the doctor lists all of them.
 """
 
 import dataclasses

@@ -18,9 +18,7 @@ from geovp_benchmarks.progress import Progress, tracked
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the folder and how much of it is read."""
-    text = (
-        "Folder of KITTI odometry or raw, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
-    )
+    text = "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
     add(parser, "root", "FOLDER", text)
     group = add_group(parser, "data sets")
     add_flag(group, "--deep", "Decode all images. Default: check names and headers.")
