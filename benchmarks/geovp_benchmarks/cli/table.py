@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_shared(parser, "folder")
     group = add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
     add_flag(group, "--strict", "Leave out clips on which a method failed.")
-    text = "Layout of a paper, next to its numbers: thesis or fvs20. Default: ours."
+    text = "Layout of a paper, next to its numbers, such as fvs20. Default: ours."
     add(group, "--paper", "NAME", text)
     group = add_group(parser, "output")
     formats, spreads = ("md", "tex", "csv"), ("interval", "standard-error")
