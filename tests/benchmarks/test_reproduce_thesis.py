@@ -82,7 +82,7 @@ def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
     names = ["SVG - 1 Sample", "SVG - 2 Samples", "gt-3d+ground-far-plane [pfh]", "copy-last"]
     assert re.findall(r"^[|] (\w.*?) +[|] +2 [|]", ours, re.M) == names
     assert (
-        "- 2 clips of kitti, split thesis-like-test; 10 frames seen, the next 20 predicted at "
+        "- 2 clips of kitti, split thesis-like-test; 10 frames observed, the next 20 predicted at "
         "256x256." in ours
     )
     assert "**" not in ours  # two clips are too few

@@ -161,9 +161,11 @@ class TestPage:
         self, results: Results, page: Path, printed: Says
     ) -> None:
         page.parent.mkdir()
-        page.write_text("# demo\n\nold numbers\n\n## Notes\n\nStill blurs.\n")
+        opening, notes = "# demo\n\nCopies win.\n\n```sh\n", "\n\n## Notes\n\nStill blurs.\n"
+        page.write_text(f"{opening}old numbers{notes}")
         printed("table", results.root, "--page", page)
-        assert page.read_text().endswith("\n\n## Notes\n\nStill blurs.\n")
+        assert page.read_text().startswith(opening)
+        assert page.read_text().endswith(notes)
         assert "old numbers" not in page.read_text()
 
 

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(group, "--spread", "SPREAD", text, "interval", choices=spreads)
     add(group, "--label", "NAME", "Label of the first LaTeX table. Default: tab:TABLE.", "")
     add(group, "--caption", "TEXT", "Caption of the first LaTeX table. Default: its title.", "")
-    text = "Also write a page of the documentation, whose notes stay. Default: none."
+    text = "Also write a page of the documentation, whose opening and notes stay. Default: none."
     add(group, "--page", "FILE", text)
 
 
@@ -61,6 +61,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
             text = "\n".join([first, *map(formats.latex, tables[1:])])
         case "md":
             width = None if args.page else terminal_width()
+            if args.page:
+                tables = formats.without_repeated_notes(tables)
             text = "\n".join(formats.markdown(table, width) for table in tables)
     yield text
     if args.page is not None:

@@ -60,7 +60,7 @@ def data_name(protocol: Mapping[str, Any]) -> str:
 
 def summary(protocol: Mapping[str, Any]) -> str:
     """Return the number of clips, and of frames that are observed and predicted, and their size."""
-    frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
+    frames = f"{protocol['num_past']} frames observed, the next {protocol['num_future']} predicted"
     width_px, height_px = protocol["size_px"]
     count = len(protocol["clips"])
     return (

@@ -9,6 +9,7 @@ import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -167,12 +168,29 @@ def comma_separated(table: Table) -> str:
 
 
 def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
-    """Write a page of the documentation; what stands below "## Notes" on the old page stays."""
+    """Write a page of the documentation.
+
+    The text above the commands of the old page, and the one below "## Notes", stay.
+    """
     before = path.read_text(encoding="utf-8") if path.exists() else ""
+    opening, has_commands, _ = before.partition("```sh\n")
+    if not has_commands:
+        opening = f"# {title}\n\n"
     _, heading, notes = before.partition("## Notes\n")
     written = f"Written on {datetime.date.today().isoformat()} by {origin}."
-    lines = [f"# {title}", "", "```sh", *commands, "```", "", written, "", text.rstrip(), ""]
+    lines = [f"{opening}```sh", *commands, "```", "", written, "", text.rstrip(), ""]
     write_bytes(path, "\n".join([*lines, heading + notes]).encode())
+
+
+def without_repeated_notes(tables: Sequence[Table]) -> list[Table]:
+    """Return the tables, each without the notes of those before it."""
+    printed: set[str] = set()
+    remaining = []
+    for table in tables:
+        notes = [note for note in table.notes if note not in printed]
+        printed.update(notes)
+        remaining.append(replace(table, notes=notes))
+    return remaining
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}
