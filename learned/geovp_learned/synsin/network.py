@@ -22,10 +22,11 @@ One setting, `variant`, chooses between the networks of Wiles et al. 2020 (`publ
 
 Trained alike for 2400 steps, they halve LPIPS together. Undone one at a time (`as_published`, and
 other settings; 800 steps at 64x64, one seed, scored on `val`: see
-docs/results/synsin-published.md), LPIPS of .191 rises by .099 [.028, .192] without the colour shortcut, by .062 [.031, .093] without hole
-filling and by .085 [.026, .164] with points of 4 pixels in 64; 2x2 pixels cost .016 [.004, .028].
-Rays, opacity, 6 points for 32 and features without noise make no sure difference. Eight levels of
-depth, spectral normalisation there, the order in blocks and VGG-19 have not been measured apart.
+docs/results/synsin-published.md), LPIPS of .191 rises by .099 [.028, .192] without the colour
+shortcut, by .062 [.031, .093] without hole filling and by .085 [.026, .164] with points of 4 pixels
+in 64; 2x2 pixels cost .016 [.004, .028]. Rays, opacity, 6 points for 32 and features without noise
+make no sure difference. Eight levels of depth, spectral normalisation there, the order in blocks
+and VGG-19 have not been measured apart.
 """
 
 from __future__ import annotations
