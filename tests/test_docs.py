@@ -329,3 +329,11 @@ def test_all_metrics_are_on_their_page() -> None:
     for role in ("frame_metrics", "trajectory_metrics"):
         for name in registry.names(role):
             assert f"| [`{name}`](#" in page, name
+
+
+def test_the_gallery_shows_all_its_methods_in_small_images() -> None:
+    names = re.findall(r'Shown\("([a-z-]+)"', (ROOT / "docs/gallery.py").read_text())
+    page = (ROOT / "docs/gallery.md").read_text()
+    images = re.findall(r"\((images/gallery/.*?)\)", page)
+    assert images == [f"images/gallery/{name}.webp" for name in names]
+    assert sum((ROOT / "docs" / image).stat().st_size for image in images) < 1_500_000
