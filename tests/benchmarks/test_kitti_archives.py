@@ -1,0 +1,47 @@
+"""The archives of KITTI's site that a made-up folder lacks are named."""
+
+from pathlib import Path
+
+import pytest
+
+from geovp_benchmarks import cli
+from geovp_classic.data import kitti_archives
+
+
+def test_odometry_names_what_each_sequence_lacks(tmp_path: Path) -> None:
+    complete = tmp_path / "sequences/00"
+    (complete / "image_0").mkdir(parents=True)
+    (complete / "calib.txt").touch()
+    (tmp_path / "poses").mkdir()
+    (tmp_path / "poses/00.txt").touch()
+    missing = kitti_archives.missing_odometry
+    assert missing(tmp_path, ["00", "mine"]) == []
+    assert kitti_archives.POSES not in missing(tmp_path, ["11"])
+    assert missing(tmp_path, ["00"], camera=2) == [kitti_archives.COLOUR]
+    assert [(archive.name, archive.size) for archive in missing(tmp_path, ["00", "01"])] == [
+        ("data_odometry_calib.zip", "1 MB"),
+        ("data_odometry_poses.zip", "4 MB"),
+        ("data_odometry_gray.zip", "22 GB"),
+        ("data_odometry_color.zip", "65 GB"),
+    ]
+
+
+def test_the_drives_of_a_protocol_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    date = tmp_path / "2011_09_26"
+    (date / "2011_09_26_drive_0060_sync").mkdir(parents=True)
+    assert cli.main(["doctor", str(tmp_path), "--protocol", "fvs20"]) == 1
+    printed = capsys.readouterr().out
+    assert "2011_09_26_calib.zip" in printed
+    assert "2011_09_26/2011_09_26_drive_0084_sync" in printed
+    assert "drive_0060" not in printed
+    for number in (84, 93, 96):
+        (date / f"2011_09_26_drive_{number:04d}_sync").mkdir()
+    (date / "calib_cam_to_cam.txt").touch()
+    assert cli.main(["doctor", str(tmp_path), "--protocol", "fvs20"]) == 0
+
+
+@pytest.mark.parametrize(("protocol", "code"), [("thesis", 1), ("synsin20", 1), ("svg18", 2)])
+def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) -> None:
+    assert cli.main(["doctor", str(tmp_path), "--protocol", protocol]) == code
