@@ -1,0 +1,51 @@
+"""The Dockerfile builds and runs where docker runs; elsewhere its instructions are checked."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def instructions() -> list[list[str]]:
+    """Return the words of each instruction, with continued lines joined."""
+    text = re.sub(r"\\\n\s*", "", (ROOT / "Dockerfile").read_text())
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    return [line.split() for line in lines]
+
+
+def test_sources_exist_and_pass_the_ignore_file() -> None:
+    allowed = (ROOT / ".dockerignore").read_text().splitlines()
+    copies = [words[1:-1] for words in instructions() if words[0] == "COPY"]
+    sources = [name for names in copies if not names[0].startswith("--from=") for name in names]
+    assert len(sources) > 4
+    for name in sources:
+        assert (ROOT / name).exists(), name
+        assert f"!{name}" in allowed, name
+
+
+def test_installs_are_pinned_and_the_image_runs_as_a_user() -> None:
+    lines = [" ".join(words) for words in instructions()]
+    for line in lines:
+        if "pip install" in line:
+            assert "--constraint constraints.txt" in line
+            assert "--no-cache-dir" in line
+    last_stage = lines[max(i for i, line in enumerate(lines) if line.startswith("FROM ")) :]
+    assert not any("pip install" in line or "apt-get" in line for line in last_stage)
+    assert "USER user" in last_stage
+
+
+def test_the_image_lists_its_components() -> None:
+    docker = shutil.which("docker")
+    if (
+        docker is None
+        or subprocess.run([docker, "info"], capture_output=True, check=False).returncode
+    ):
+        pytest.skip("no docker daemon can be reached")
+    subprocess.run([docker, "build", "--quiet", "--tag", "geovp-test", ROOT], check=True)
+    command = [docker, "run", "--rm", "geovp-test", "list"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "depth-fusion" in done.stdout
