@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
@@ -355,13 +356,10 @@ class LivePredictor:
         right = path[:, :3, 0]
         half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
         if not is_given and len(present.futures) > 1:
-            sampled = [
-                se3.interpolate(future, present.times_s, times_s)[:, :3, 3]
-                for future in present.futures[1:]
-            ]
-            lateral = ((np.stack(sampled) - path[:, :3, 3]) * right).sum(
-                axis=-1
-            )
+            sampled = interp1d(
+                present.times_s, present.futures[1:, :, :3, 3], axis=1
+            )(times_s)
+            lateral = ((sampled - path[:, :3, 3]) * right).sum(axis=-1)
             half_m = np.maximum(half_m, np.sqrt((lateral**2).mean(axis=0)))
         last = present.past.world_from_cam[-1]
         down = last[:3, :3] @ present.vehicle_from_cam[1, :3]

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
+from geovp_classic.depth.multiview import Multiview
+from geovp_classic.depth.viewpoints import SourceSelection
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.interfaces import Forecaster, Renderer
@@ -22,7 +24,10 @@ class LiveSettings:
         default_factory=lambda: Monocular(GroundPlane(max_pairs=60))
     )
     forecaster: Forecaster = MotionPrior()
-    renderer: Renderer = DepthFusion()
+    # Three sources and 64 planes, for four and 96: the scene takes three quarters of the time
+    renderer: Renderer = DepthFusion(
+        Multiview(num_planes=64, sources=SourceSelection(num_sources=3))
+    )
     observer: Observer = Observer()
     hindcast: Hindcast = Hindcast()
     num_frames: int = 10  # the last usable ones, which are remembered
