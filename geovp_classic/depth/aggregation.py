@@ -20,6 +20,7 @@ PathArray = npt.NDArray[np.int16]
 # One pass goes down the image and one goes up. Each follows four directions: from the pixel before
 # in the row and from three in the row before, as (du, dv) of the downward pass.
 DIRECTIONS = ((-1, 0), (-1, -1), (0, -1), (1, -1))
+ROWS_PER_TASK = 32  # of a thread
 INFINITE = np.int16(2**14)  # larger than any path cost
 
 
@@ -75,10 +76,13 @@ def winners(
     The lead is in costs of one direction.
     """
     levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
-    parallel_map(
-        lambda row: _judge(sums[row], num_neighbours, levels[row], lead[row]),
-        range(len(sums)),
-    )
+
+    def judge(first: int) -> None:
+        rows = slice(first, first + ROWS_PER_TASK)
+        pixels = sums[rows].reshape(-1, sums.shape[-1])
+        _judge(pixels, num_neighbours, levels[rows].ravel(), lead[rows].ravel())
+
+    parallel_map(judge, range(0, len(sums), ROWS_PER_TASK))
     return levels, lead / 8
 
 

@@ -18,7 +18,7 @@ CostArray = npt.NDArray[np.uint8]
 
 RADIUS_PX = 2  # of a window; a constant, since the kernel writes its sums out
 WINDOW_PX = 2 * RADIUS_PX + 1
-PLANES_PER_TASK = 24  # of a thread
+PLANES_PER_TASK = 16  # of a thread
 
 
 @dataclass(frozen=True)

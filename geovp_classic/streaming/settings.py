@@ -24,7 +24,7 @@ class LiveSettings:
         default_factory=lambda: Monocular(GroundPlane(max_pairs=60))
     )
     forecaster: Forecaster = MotionPrior()
-    # Three sources and 64 planes, for four and 96: the scene takes three quarters of the time
+    # Three sources and 64 planes instead of four and 96 take three quarters of the time
     renderer: Renderer = DepthFusion(
         Multiview(num_planes=64, sources=SourceSelection(num_sources=3))
     )
