@@ -262,6 +262,8 @@ def test_shell_line(
         parse_only(lambda: studies.main(args[1:]), monkeypatch)
     elif program == "python":
         compile((ROOT / args[0]).read_text(), args[0], "exec")
+    elif program == "source":
+        assert args == [".venv/bin/activate"]  # made by `make demo`
     elif program == "make":
         makefile = (ROOT / "Makefile").read_text()
         assert re.search(rf"^{args[0]}:", makefile, re.MULTILINE)
@@ -318,7 +320,7 @@ def test_a_video_can_be_predicted(results: Path, tmp_path: Path) -> None:
     args = ["--intrinsics", *map(str, numbers), "--first", "0", "--size", "128"]
     out = tmp_path / "out"
     assert cli.main(["predict", str(results / "drive.mp4"), *args, "--out", str(out)]) == 0
-    table = (ROOT / "docs/guide/own-video.md").read_text().partition("## What is written")[2]
+    table = (ROOT / "docs/guide/own-video.md").read_text().partition("## Output")[2]
     for line in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", line):
             assert (out / name).exists(), name
