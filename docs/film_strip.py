@@ -1,4 +1,4 @@
-"""Draw the film strip of the README: python docs/film_strip.py."""
+"""Draw the film strip of the landing page: python docs/film_strip.py."""
 
 from pathlib import Path
 
