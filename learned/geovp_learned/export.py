@@ -47,33 +47,6 @@ class DeepVoSteps(nn.Module):
         return past, future
 
 
-class LpipsDistance(nn.Module):
-    """Images [N, 3, H, W] in [0, 1] to their distances [N]."""
-
-    def __init__(self, net: lpips.Net, weights: Path | None) -> None:
-        super().__init__()
-        self.net = net
-        loaded = lpips.load_weights(net, lpips.find_weights(net, weights))
-        self.names = {name: name.replace(".", "_") for name in loaded}  # a buffer's name has no dot
-        for name, tensor in loaded.items():
-            self.register_buffer(self.names[name], tensor.clone())
-
-    def forward(self, predicted: Tensor, target: Tensor) -> Tensor:
-        """Return LPIPS v0.1 (Zhang et al. 2018, eq. 1)."""
-        weights = {name: getattr(self, buffer) for name, buffer in self.names.items()}
-        pairs = zip(
-            *(lpips.unit_features(self.net, weights, 2 * each - 1) for each in (predicted, target)),
-            strict=True,
-        )
-        means = [
-            torch.einsum("nchw,c->nhw", (ours - real) ** 2, weights[f"lin{index}.weight"]).mean(
-                dim=(1, 2)
-            )
-            for index, (ours, real) in enumerate(pairs)
-        ]
-        return torch.stack(means).sum(dim=0)
-
-
 def exportable(
     name: str,
     weights: Path | None = None,
@@ -87,7 +60,8 @@ def exportable(
     if name == "lpips":
         frames = torch.rand(2, 2, 3, size_px, size_px)
         inputs = dict(zip(("predicted", "target"), frames, strict=True))
-        return Exportable(LpipsDistance("alex", weights), inputs, ("distance",), free=(0,))
+        distance = lpips.load_network("alex", lpips.find_weights("alex", weights), "cpu")
+        return Exportable(distance, inputs, ("distance",), free=(0,))
     file = weights or checkpoints.shipped(name)
     network, settings = checkpoints.load(name, file, checkpoints.fingerprint(file), "cpu")
     width_px, height_px = settings.architecture.size_px

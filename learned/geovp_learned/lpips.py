@@ -15,9 +15,7 @@ import io
 import logging
 import math
 import os
-import tempfile
 import urllib.request
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,13 +23,17 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
 
+from geovp_classic import files
+from geovp_classic.data import atomic
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 from geovp_learned import devices
-from geovp_learned.lpips_networks import Weights, alex_features, masked_mean, squeeze_features
+from geovp_learned.feature_networks import alexnet, squeezenet
+from geovp_learned.tensors import images_from_frames
 
 Net = Literal["alex", "squeeze"]
 
@@ -61,23 +63,47 @@ REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
 }
 CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_images`, under the weights above
 CHECK_TOLERANCE = 1e-4
-SHIFT, SCALE = (
-    (-0.030, -0.088, -0.188),
-    (0.458, 0.448, 0.450),
-)  # of RGB in [-1, 1]: ImageNet's mean and deviation
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, RGB in [0, 1]
 MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
-# frames, on one thread of the CPU: threads share frames, since sharing a layer's work costs them
-# more
-BATCH = 5
+BATCH = 5  # frames; limits memory
 TIMEOUT_S = 20.0
 
 MAX_BYTES = 2**30  # VGG-16 has 528 MiB
 logger = logging.getLogger(__name__)
 
 
+class LpipsNetwork(nn.Module):
+    """LPIPS v0.1 as a network (Zhang et al. 2018, eq. 1)."""
+
+    def __init__(self, net: Net) -> None:
+        super().__init__()
+        self.backbone = alexnet() if net == "alex" else squeezenet()
+        channels = self.backbone.channels.values()
+        self.linear = nn.ModuleList(nn.Conv2d(size, 1, 1, bias=False) for size in channels)
+
+    def forward(self, predicted: Tensor, target: Tensor) -> Tensor:
+        """Return the distances [N] of images [N, 3, H, W] in [0, 1]."""
+        maps = self.difference_maps(self.unit_features(predicted), self.unit_features(target))
+        return torch.stack([each.mean(dim=(1, 2)) for each in maps]).sum(dim=0)
+
+    def unit_features(self, images: Tensor) -> list[Tensor]:
+        """Return the features of each layer [N, C, h, w], normalised over channels."""
+        mean, std = (images.new_tensor(values)[:, None, None] for values in (MEAN, STD))
+        features = self.backbone((images - mean) / std)
+        return [
+            maps / (torch.linalg.vector_norm(maps, dim=1, keepdim=True) + 1e-10)
+            for maps in features
+        ]
+
+    def difference_maps(self, predicted: list[Tensor], target: list[Tensor]) -> list[Tensor]:
+        """Return the weighted squared differences [N, h, w] of the unit features of each layer."""
+        layers = zip(self.linear, predicted, target, strict=True)
+        return [linear((ours - real) ** 2)[:, 0] for linear, ours, real in layers]
+
+
 @dataclass(frozen=True)
 class Target:
-    """Target frames [F, H, W, 3] and their unit features, of each batch and layer."""
+    """Target frames [F, H, W, 3] and the unit features of their batches."""
 
     frames: ByteArray
     features: list[list[Tensor]]  # 52 MB for 20 frames of 256x256, AlexNet
@@ -89,8 +115,8 @@ class Lpips:
 
     `channels = "bgr"` hands the network the channels in the wrong order, as evaluation code does
     that reads with OpenCV and forgets to swap them (DMVFN's, for one): for comparison with such
-    published numbers alone. With a mask, each layer's map of differences is averaged with the share
-    of masked pixels in each cell as the weight. Receptive fields cross the mask's border, so pixels
+    published numbers alone. With a mask, each layer's map of differences is averaged with the
+    fraction of masked pixels as the weight. Receptive fields cross the mask's border, so pixels
     outside still have some influence. `device` is as in `devices`; the CPU, where nothing is given.
     """
 
@@ -134,8 +160,8 @@ class Lpips:
                 f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: "
                 "use larger"
             )
-        batches = [target[start : start + BATCH] for start in range(0, len(target), BATCH)]
-        return Target(target, devices.on_one_thread_each(self._features, batches))
+        unit_features = self._network().unit_features
+        return Target(target, devices.on_one_thread_each(unit_features, self._batches(target)))
 
     def over(
         self, predicted: ByteArray, target: Target, masks: Sequence[BoolArray | None]
@@ -143,68 +169,38 @@ class Lpips:
         """Return the distances [F] under each mask; the features are computed once for all."""
         for mask in masks:
             check_frames(predicted, target.frames, mask)
+        everywhere = np.ones(predicted.shape[:3], dtype=bool)
+        all_masks = np.stack([everywhere if mask is None else mask for mask in masks])
+        weights = torch.tensor(all_masks).float().split(BATCH, dim=1)
+        network = self._network()
 
-        def distances(batch: int) -> FloatArray:
-            frames = slice(batch * BATCH, (batch + 1) * BATCH)
-            batch_masks = [None if mask is None else mask[frames] for mask in masks]
-            features = self._features(predicted[frames])
-            return _distances(self._weights(), features, target.features[batch], batch_masks)
+        def distances(batch: tuple[Tensor, list[Tensor], Tensor]) -> Tensor:
+            images, features, weights = batch
+            maps = network.difference_maps(network.unit_features(images), features)
+            means = [masked_means(each, weights.to(images.device)) for each in maps]
+            return torch.stack(means).sum(dim=0)
 
-        per_batch = devices.on_one_thread_each(distances, range(len(target.features)))
-        return [*np.concatenate(per_batch, axis=1)]
+        batches = zip(self._batches(predicted), target.features, weights, strict=True)
+        rows = torch.cat(devices.on_one_thread_each(distances, batches), dim=1)
+        return [*rows.double().cpu().numpy()]
 
-    def _weights(self) -> Weights:
-        return _weights_on(self.net, find_weights(self.net, self.weights), self.device or "cpu")
+    def _network(self) -> LpipsNetwork:
+        return load_network(self.net, find_weights(self.net, self.weights), self.device or "cpu")
 
-    def _features(self, frames: ByteArray) -> list[Tensor]:
-        """Return the unit features of each layer of frames [N, H, W, 3]."""
+    def _batches(self, frames: ByteArray) -> Sequence[Tensor]:
+        """Convert frames [F, H, W, 3] to batches of images [N, 3, H, W] in [0, 1]."""
         if self.channels == "bgr":
             frames = frames[..., ::-1]
-        return _features(self.net, self._weights(), frames)
+        return images_from_frames(frames).to(self.device or "cpu").split(BATCH)
 
 
-def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
-    """Return features [N, C, h, w] of each layer, normalised over channels, of images [N, 3, H, W]
-    in [-1, 1].
+def masked_means(maps: Tensor, masks: Tensor) -> Tensor:
+    """Return the means [M, N] of maps [N, h, w], weighted by resized masks [M, N, H, W].
+
+    An empty mask gives NaN.
     """
-    shift, scale = (images.new_tensor(values)[:, None, None] for values in (SHIFT, SCALE))
-    layers = {"alex": alex_features, "squeeze": squeeze_features}[net](
-        weights, (images - shift) / scale
-    )
-    return [
-        layer / (torch.linalg.vector_norm(layer, dim=1, keepdim=True) + 1e-10) for layer in layers
-    ]
-
-
-@torch.inference_mode()
-def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
-    """Return the unit features of frames [N, H, W, 3], channels last in memory."""
-    pixels = torch.tensor(np.ascontiguousarray(frames)).to(weights["lin0.weight"].device)
-    return unit_features(net, weights, pixels.permute(0, 3, 1, 2).float() / 127.5 - 1.0)
-
-
-@torch.inference_mode()
-def _distances(
-    weights: Weights,
-    predicted: Sequence[Tensor],  # unit features of each layer
-    target: Sequence[Tensor],
-    masks: Sequence[BoolArray | None],  # of [N, H, W]
-) -> FloatArray:
-    """Return the distance of each pair under each mask [M, N] (Zhang et al. 2018, eq. 1); NaN where
-    a mask is empty.
-    """
-    device = predicted[0].device
-    shares = [
-        None if mask is None else torch.tensor(mask, dtype=torch.float32, device=device)
-        for mask in masks
-    ]
-    total = torch.zeros(len(masks), len(predicted[0]), dtype=torch.float64, device=device)
-    for index, (ours, real) in enumerate(zip(predicted, target, strict=True)):
-        squares = (ours - real).square_().movedim(1, -1)  # [N, h, w, C]
-        difference = (squares @ weights[f"lin{index}.weight"]).double()
-        for number, share in enumerate(shares):
-            total[number] += masked_mean(difference, share)
-    return np.asarray(total.cpu().numpy())
+    weights = functional.adaptive_avg_pool2d(masks, (maps.shape[1], maps.shape[2]))
+    return (maps * weights).sum(dim=(2, 3)) / weights.sum(dim=(2, 3))
 
 
 def find_weights(net: Net, named: Path | None) -> Path:
@@ -231,43 +227,37 @@ def find_weights(net: Net, named: Path | None) -> Path:
 
 
 @functools.cache
-def load_weights(net: Net, file: Path) -> Weights:
-    """Load the tensors of an npz file, once per process; raise MissingExtra unless they are LPIPS
-    v0.1's for this network.
+def load_network(net: Net, file: Path, device: str) -> LpipsNetwork:
+    """Load the network from an npz file, once per process; raise MissingExtra unless it gives the
+    check images the score of LPIPS v0.1.
     """
     try:
-        with np.load(file) as arrays:
-            weights = {
-                name: torch.from_numpy(arrays[name].astype(np.float32)) for name in arrays.files
-            }
-        ours, real = (_features(net, weights, frames) for frames in check_images())
-        score = float(_distances(weights, ours, real, [None])[0, 0])
-    except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
-        raise MissingExtra(
-            f"LPIPS weights {file} are not a readable npz file ({error}): get them again"
-        ) from error
-    except (KeyError, ValueError, RuntimeError) as error:
-        raise MissingExtra(
-            f"{file} does not hold LPIPS weights for {net!r} ({error}): get them again"
-        ) from error
-    if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
-        raise MissingExtra(
-            f"{file} does not hold LPIPS v0.1's weights for {net!r}: the check images score "
-            f"{score:.6f}, "
-            f"expected {CHECK_SCORES[net]:.6f}: get them again"
-        )
-    return weights
+        arrays = files.read_npz(file)
+        advice = "get them again"
+        with files.checked(f"{file} does not hold LPIPS v0.1's weights for {net!r}", advice):
+            network = _network_of(net, arrays)
+            score = float(network(*map(images_from_frames, check_images())))
+            if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
+                expected = CHECK_SCORES[net]
+                raise ValueError(f"the check images score {score:.6f}, expected {expected:.6f}")
+    except BadData as error:
+        raise MissingExtra(str(error)) from error
+    # Channels last are twice as fast on a CPU
+    return network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
-@functools.cache
-def _weights_on(net: Net, file: Path, device: str) -> Weights:
-    """Copy the tensors to a device, those of convolutions with channels last, which is faster."""
-    weights = load_weights(net, file)
-    ordered = {
-        name: w.contiguous(memory_format=torch.channels_last) if w.ndim == 4 else w
-        for name, w in weights.items()
-    }
-    return {name: tensor.to(device) for name, tensor in ordered.items()}
+def _network_of(net: Net, arrays: Mapping[str, Any]) -> LpipsNetwork:
+    with torch.device("meta"):
+        network = LpipsNetwork(net)
+    state = {}
+    for name, array in arrays.items():
+        tensor = torch.from_numpy(array).float()
+        if name.startswith("lin"):
+            state[name.replace("lin", "linear.")] = tensor[None, :, None, None]
+        else:
+            state[f"backbone.{name}"] = tensor
+    network.load_state_dict(state, assign=True)
+    return network.requires_grad_(False)
 
 
 def check_images() -> tuple[ByteArray, ByteArray]:
@@ -292,9 +282,8 @@ def _why_not_downloaded(net: Net, cached: Path) -> str:
             f"{name.partition('.')[0]}.weight": value.numpy().ravel()
             for name, value in linear.items()
         }
-        with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
-            np.savez(Path(folder) / "weights.npz", **arrays)
-            (Path(folder) / "weights.npz").replace(cached)
+        with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:
+            np.savez(file, **arrays)
     except (OSError, http.client.HTTPException, BadData) as error:
         return str(error)
     return ""

@@ -17,11 +17,6 @@ from geovp_learned import export, lpips  # noqa: E402
 from geovp_learned.deepvo.network import motions  # noqa: E402
 from geovp_learned.deepvo.poses import DeepVo  # noqa: E402
 
-WIDTHS, SHAPES = (
-    (4, 6, 5, 5, 3),
-    ((11, 3), (5, 4), (3, 6), (3, 5), (3, 5)),
-)  # of AlexNet's five convolutions, narrow
-
 
 def run(file: Path, **inputs: Any) -> list[FloatArray]:
     return list(onnxruntime.InferenceSession(str(file)).run(None, inputs))
@@ -49,14 +44,13 @@ def test_lpips_gives_the_same_distances_elsewhere_for_any_number_of_images(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
-    layers = zip((0, 3, 6, 8, 10), WIDTHS, SHAPES, strict=True)
     weights: dict[str, Any] = {}
-    for index, (layer, width, (side, into)) in enumerate(layers):
-        weights[f"features.{layer}.weight"] = rng.normal(0, 0.2, (width, into, side, side)).astype(
-            np.float32
-        )
-        weights[f"features.{layer}.bias"] = rng.normal(0, 0.2, width).astype(np.float32)
-        weights[f"lin{index}.weight"] = rng.random(width, np.float32)
+    for name, tensor in lpips.LpipsNetwork("alex").state_dict().items():
+        drawn = rng.normal(0, 0.02, tensor.shape).astype(np.float32)
+        if name.startswith("linear."):
+            weights[name.replace("linear.", "lin")] = np.abs(drawn).ravel()
+        else:
+            weights[name.removeprefix("backbone.")] = drawn
     np.savez(tmp_path / "lpips_alex_v0.1.npz", **weights)
     monkeypatch.setattr(lpips, "CHECK_TOLERANCE", 100.0)  # they are not the real ones
     file = tmp_path / "lpips.onnx"

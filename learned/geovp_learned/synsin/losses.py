@@ -9,7 +9,6 @@ on the synthetic street it is a hundred times as long as the true depth's gradie
 another way (cosine -0.1).
 """
 
-import functools
 from typing import Literal
 
 import torch
@@ -32,22 +31,12 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
 
     MissingExtra when there are no weights.
     """
+    predicted, target = predicted.float(), target.float()
     if net == "vgg19":
         return vgg.content_loss(predicted, target)
-    weights = _lpips_weights(net, predicted.device)
-    with torch.no_grad():
-        wanted = lpips.unit_features(net, weights, 2 * target.float() - 1)
-    total = predicted.new_zeros(())
-    for index, ours in enumerate(lpips.unit_features(net, weights, 2 * predicted.float() - 1)):
-        squares = (ours - wanted[index]) ** 2
-        total = total + torch.einsum("bchw,c->bhw", squares, weights[f"lin{index}.weight"]).mean()
-    return total
-
-
-@functools.cache
-def _lpips_weights(net: Literal["alex", "squeeze"], device: torch.device) -> dict[str, Tensor]:
-    stored = lpips.load_weights(net, lpips.find_weights(net, None))
-    return {name: tensor.to(device) for name, tensor in stored.items()}
+    file = lpips.find_weights(net, None)
+    network = lpips.load_network(net, file, str(predicted.device))
+    return network(predicted, target).mean()
 
 
 def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
