@@ -8,6 +8,7 @@ from torch import nn
 
 from geovp_learned import checkpoints, model_cards, training_log
 from geovp_learned.__main__ import main
+from geovp_learned.training_config import Changes
 
 HISTORY = {
     "train": [
@@ -86,13 +87,20 @@ def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_i
     ]
 
 
-@pytest.mark.parametrize("name", ["deepvo", "synsin"])
+@pytest.mark.parametrize(
+    ("name", "changes", "options"),
+    [
+        ("deepvo", Changes(variant="regularised", seed=1), " --variant regularised --seed 1"),
+        ("synsin", Changes(), ""),
+    ],
+)
 def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(
-    name: str,
+    name: str, changes: Changes, options: str
 ) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
-    text = model_cards.model_card(folder / f"{name}.safetensors", Path(f"{name}-small"))
-    assert f"    python -m geovp_learned train {name} {name}-small\n" in text
+    weights = folder / f"{name}.safetensors"
+    text = model_cards.model_card(weights, Path(f"{name}-small"), changes=changes)
+    assert f"    python -m geovp_learned train {name} {name}-small{options}\n" in text
     assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
 
 
