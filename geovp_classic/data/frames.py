@@ -228,7 +228,7 @@ def image_files(folder: Path) -> list[Path]:
         return sorted(filter(is_image, folder.iterdir()), key=natural_order)
     except OSError as problem:
         raise BadData(
-            f"{folder} cannot be listed ({problem.strerror}): give a folder of images"
+            f"{folder} cannot be listed ({problem.strerror}): give a video or a folder of images"
         ) from problem
 
 

@@ -23,12 +23,14 @@ Scores = Mapping[str, FloatArray]  # [N] by name
 
 
 def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
-    """Return the trajectories folder/NN.txt; raise BadData for a wrong file.
+    """Return the trajectories folder/NN.txt; raise BadData for a missing or wrong file.
 
     Times are those of folder/NN_times.txt or of folder/../sequences/NN/times.txt.
     """
     sequences = {}
     for name in names:
+        if not (folder / f"{name}.txt").is_file():
+            raise BadData(f"{folder} holds no {name}.txt: name existing pose files by --sequences")
         times = folder / f"{name}_times.txt"
         if not times.exists():
             times = folder.parent / "sequences" / name / "times.txt"

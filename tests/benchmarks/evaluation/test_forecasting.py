@@ -129,6 +129,10 @@ def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
     assert "motion-prior" in refused("forecast", "evaluate", folder, "--methods", "motion-prio")
 
 
+def test_a_missing_sequence_is_refused(folder: Path, refused: Says) -> None:
+    assert "holds no 09.txt: name" in refused("forecast", "evaluate", folder, "--sequences", "09")
+
+
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None or not (Path(root) / "kitti_full_poses").is_dir():

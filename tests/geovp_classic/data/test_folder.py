@@ -109,7 +109,7 @@ def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
 def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("text")
     for path, message in (
-        (tmp_path / "none", "cannot be listed .*: give a folder of images"),
+        (tmp_path / "none", "cannot be listed .*: give a video or a folder of images"),
         (tmp_path, "holds no sequence: give a folder of images"),
         (tmp_path / "text.mp4", "cannot be decoded as a video"),
     ):
