@@ -111,6 +111,23 @@ class TestReproduction:
         go(tmp_path, content(predictors={"broken": {"name": "toy-broken", "brightness": 30}}))
         assert verified(tmp_path, *ALL)[0] == 0
 
+    def test_a_metric_that_is_unavailable_here_is_named_and_fails(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
+        weights = tmp_path / "weights"
+        weights.touch()
+        lpips = {"name": "toy-weightless", "weights": str(weights)}
+        metrics = {"frame": ["toy-difference", lpips], "trajectory": []}
+        go(tmp_path / "out", content({"clips": 1}, metrics, predictors={"still": "toy-still"}))
+        weights.unlink()
+        code, lines = verified(tmp_path / "out")
+        assert code == 1
+        assert lines == [
+            "still, road/000: identical; toy-weightless cannot be compared",
+            "toy-weightless cannot be compared: weights of toy-weightless are not here: fetch them",
+            "1 of 1 reproduce in the other metrics",
+        ]
+
     def test_libraries_and_code_that_changed_are_named(
         self, tmp_path: Path, verified: Verified
     ) -> None:

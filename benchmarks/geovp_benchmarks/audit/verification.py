@@ -38,16 +38,17 @@ class Verdict:
     pair: Pair
     # largest difference by metric, in its unit; infinite if a value is missing
     differences: Mapping[str, float] = field(default_factory=dict)
-    problems: Sequence[str] = ()  # reasons why scores are not compared
+    unavailable: Mapping[str, str] = field(default_factory=dict)  # reasons by metric
+    failure: str | None = None  # reason why nothing is compared
     remarks: Sequence[str] = ()
 
     def reproduces(self, tolerance: float) -> bool:
-        """Return whether all metrics were compared and differ by at most a tolerance."""
-        return not self.problems and max(self.differences.values(), default=0.0) <= tolerance
+        """Return whether all available metrics differ by at most a tolerance."""
+        return self.failure is None and max(self.differences.values(), default=0.0) <= tolerance
 
     def sentence(self, tolerance: float, max_metrics: int = 3) -> str:
         """Return the verdict in words, with the largest differences and their units."""
-        words = [*self.problems, *self.remarks]
+        words = [f"{name} cannot be compared" for name in self.unavailable] + [*self.remarks]
         metrics = self.pair.results.protocol()["metrics"]
         ordered = sorted(self.differences.items(), key=lambda item: -item[1])
         listed = []
@@ -56,10 +57,12 @@ class Verdict:
             listed.append(f"{name} {difference:.3g} {unit}".rstrip())
         if len(ordered) > max_metrics:
             listed.append(f"{len(ordered) - max_metrics} more")
-        if listed:
+        if self.failure is not None:
+            words.insert(0, f"cannot be computed here: {self.failure}")
+        elif listed:
             agreement = "within the tolerance" if self.reproduces(tolerance) else "differs"
             words.insert(0, f"{agreement}: {', '.join(listed)}")
-        elif not self.problems:
+        else:
             words.insert(0, "identical")
         return f"{self.pair.method.label}, {self.pair.clip}: {'; '.join(words)}"
 
@@ -107,11 +110,11 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         recomputed = _recompute(pair, matrix)
         stored = _values(pair.results.scores(pair.method.name), pair.clip)
         reasons = {name: built.metrics.about[name]["unavailable"] for name in pair.record.metrics}
-        problems = [f"{name} cannot be compared: {why}" for name, why in reasons.items() if why]
+        unavailable = {name: reason for name, reason in reasons.items() if reason}
         differences = {
             name: difference
             for name, difference in _differences(stored, recomputed).items()
-            if not reasons.get(name.partition("@")[0])
+            if name.partition("@")[0] not in unavailable
         }
         remarks = []
         if differences and _differences(recomputed, _recompute(pair, matrix)):
@@ -119,8 +122,8 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
         if (code := code_hash(built.methods[plan].values())) != pair.record.code:
             remarks.append(f"stored by code {pair.record.code}, here it is {code}")
     except GeovpError as problem:
-        return Verdict(pair, problems=[f"cannot be computed here: {problem}"])
-    return Verdict(pair, differences, problems, remarks)
+        return Verdict(pair, failure=str(problem))
+    return Verdict(pair, differences, unavailable, remarks=remarks)
 
 
 def other_versions(results: Results) -> Iterator[str]:
