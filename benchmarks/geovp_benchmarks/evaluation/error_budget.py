@@ -1,6 +1,6 @@
 """Error budget of a method, and sensitivity of its renderer to errors of the poses."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.score_names import UNBOUNDED
+from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
@@ -35,6 +36,7 @@ class Method:
     dataset: Dataset
     num_clips: int
     metrics: Mapping[str, FrameMetric]
+    unavailable: Sequence[str] = ()  # metrics that cannot be computed here, with the reason
 
     @property
     def steps(self) -> list[int]:
@@ -97,7 +99,8 @@ class Method:
                 for label, variant in levels.items()
             )
             heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
-            tables.append(Table(name, heading, columns, rows, [*notes, *reasons, KIND], starred=()))
+            lines = [*notes, *reasons, *self.unavailable, KIND]
+            tables.append(Table(name, heading, columns, rows, lines, starred=()))
         return tables
 
 
@@ -107,7 +110,7 @@ def read_method(
     """Return a method of a matrix with the first clips; the label may be None for the only one.
 
     `needs` are inputs of the clips beyond those of the method. Raises BadData unless the method is
-    a pose source with a renderer.
+    a pose source with a renderer, and a frame metric is available.
     """
     labels = [method.label for method in matrix.methods if method.renderer]
     if label is None and len(labels) == 1:
@@ -120,10 +123,15 @@ def read_method(
     predictor = build_method(matrix, label)
     dataset = matrix.build_dataset(predictor.needs | needs)
     num_clips = len(range(len(dataset))[:limit])
-    metrics = {
-        name: registry.build("frame_metrics", spec) for name, spec in matrix.frame_metrics.items()
-    }
-    return Method(label, predictor, matrix, dataset, num_clips, metrics)
+    metrics = Metrics.build(matrix.frame_metrics, {}, matrix.size_px)
+    unavailable = [
+        f"{name} is unavailable: {facts['unavailable']}"
+        for name, facts in metrics.about.items()
+        if facts["unavailable"]
+    ]
+    if not metrics.frame:
+        raise BadData("; ".join(unavailable) or "no frame metric: name one in [metrics]")
+    return Method(label, predictor, matrix, dataset, num_clips, metrics.frame, unavailable)
 
 
 def error_budget(method: Method, progress: Progress) -> list[Table]:

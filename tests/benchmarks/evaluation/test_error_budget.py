@@ -108,6 +108,17 @@ def test_stages_that_cannot_be_measured_are_named(matrix_file: Path, printed: Sa
     assert "depth" not in rows_of(lines)
 
 
+def test_an_unavailable_metric_is_named(
+    matrix_file: Path, printed: Says, refused: Says, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GEOVP_LPIPS_WEIGHTS", str(matrix_file.parent / "none"))
+    write_matrix(matrix_file, {**TABLES, "metrics": {"frame": ["psnr", "lpips"]}})
+    lines = printed("budget", matrix_file, "--limit", "1").splitlines()
+    assert [line for line in lines if line.startswith("- lpips is unavailable: ")]
+    write_matrix(matrix_file, {**TABLES, "metrics": {"frame": ["lpips"]}})
+    assert "lpips is unavailable: " in refused("budget", matrix_file, "--limit", "1")
+
+
 def test_the_method_must_have_a_renderer(matrix_file: Path, refused: Says) -> None:
     assert "past + fusion" in refused("budget", matrix_file, "--method", "past + fusoin")
     assert "pose source" in refused("budget", matrix_file, "--method", "copy-last")
