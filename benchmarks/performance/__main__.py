@@ -1,19 +1,20 @@
 """All measurements of speed as sections of a page, or one of them.
 
 `PYTHONPATH=benchmarks python -m performance [--only SECTION] [--rounds N] [--kitti ROOT SEQUENCE]`
-on a quiet machine. Times are CPU times of all threads. With an empty `NUMBA_CACHE_DIR`, the first
-round of a clip includes the compilation that follows an installation.
+on a quiet machine. Times are CPU times of all threads, but for `live`. With an empty
+`NUMBA_CACHE_DIR`, the first round of a clip includes the compilation that follows an installation.
 """
 
 import argparse
 from collections.abc import Sequence
 
 from geovp_benchmarks.cli.options import add
-from performance import clip, libraries, scoring, splat
+from performance import clip, libraries, live, scoring, splat
 
 SECTIONS = {
     "clip": lambda args: clip.lines(args.rounds, args.kitti, "crop"),
     "full-clip": lambda args: clip.lines(args.rounds, args.kitti, "full"),
+    "live": lambda args: live.lines(10 * args.rounds, args.kitti),
     "scoring": lambda args: [each.line(args.rounds) for each in scoring.comparisons()],
     "rendering": lambda args: [splat.comparison().line(args.rounds)],
     "solvers": lambda args: [each.line(args.rounds) for each in libraries.problems()],

@@ -12,7 +12,7 @@ from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.refined import Refined
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from performance import Comparison, clip, libraries, scoring, splat
+from performance import Comparison, clip, libraries, live, scoring, splat
 from performance.__main__ import main
 
 
@@ -25,6 +25,14 @@ def test_the_stages_of_a_clip_give_the_prediction_of_the_predictor() -> None:
     np.testing.assert_allclose(prediction.frames.astype(int), expected.frames, atol=1)
     assert list(seconds) == ["observe", "estimate", "reconstruct", "show"]
     assert min(seconds.values()) >= 0
+
+
+def test_a_live_frame_is_the_sum_of_its_stages() -> None:
+    *stages, whole, _ = (line.split() for line in live.lines(2, None))
+    names = ["observe", "track", "scale", "scene", "forecast", "view"]
+    assert [name for name, *_ in stages] == names
+    # The median of two frames is their mean; rounding adds up to 0.4 ms.
+    assert 0 < sum(float(line[1]) for line in stages) <= float(whole[1]) + 0.4
 
 
 def test_a_ratio_is_that_of_the_medians_after_a_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
