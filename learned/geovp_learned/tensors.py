@@ -18,7 +18,7 @@ MIRROR = np.diag(
 
 def bytes_from_frames(frames: ByteArray) -> Tensor:
     """Convert frames [..., H, W, 3] to bytes [..., 3, H, W]."""
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(frames, -1, -3)))
+    return torch.from_numpy(np.moveaxis(frames, -1, -3).copy(order="C"))
 
 
 def images_from_frames(frames: ByteArray) -> Tensor:

@@ -50,31 +50,21 @@ class PublishedGenerator(Generator):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        nn.Module.__init__(self)
-        self.noise_size = NOISE_SIZE  # of each of the two networks of blocks
-        self.architecture, width, features = architecture, architecture.width, architecture.features
-        self.feature_network: nn.Module = Blocks([*_channels(3, ENCODER, width), features])
-        self.depth_network: nn.Module = DepthNetwork(width)
-        self.refinement_network: nn.Module = Blocks(
-            [*_channels(features, REFINEMENT, width), 3], RESAMPLED
-        )
+        super().__init__(architecture, NOISE_SIZE)  # of each of the two networks of blocks
+        width, features = architecture.width, architecture.features
+        self.feature_network = Blocks([*_channels(3, ENCODER, width), features])
+        self.depth_network = DepthNetwork(width)
+        self.refinement_network = Blocks([*_channels(features, REFINEMENT, width), 3], RESAMPLED)
 
     def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
         """Estimate inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
         return self.depth_network(2 * frames - 1)
 
-    def encode(
-        self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None
-    ) -> FeatureCloud:
-        """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, NOISE_SIZE], drawn
-        if none is given.
-        """
-        rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
-        noise = (
-            torch.randn(len(frames), NOISE_SIZE, device=frames.device) if noise is None else noise
-        )
-        features = self.feature_network(2 * frames - 1, noise).float().flatten(2).transpose(1, 2)
-        return FeatureCloud(rays, self.depths(frames, rays).flatten(1), features)
+    def features(self, frames: Tensor, noise: Tensor | None) -> Tensor:
+        """Return learned features, with noise that is drawn if none is given."""
+        if noise is None:
+            noise = torch.randn(len(frames), NOISE_SIZE, device=frames.device)
+        return self.feature_network(2 * frames - 1, noise).float()
 
     def render(
         self,

@@ -28,6 +28,7 @@ from geovp_learned.synsin.pairs import intrinsics_tensor
 from geovp_learned.tensors import frames_from_images, images_from_frames
 
 MIN_OPACITY = 0.1  # of covered pixels
+VIEWS_AT_ONCE = 20  # on a GPU; on a CPU each thread renders one
 
 
 @dataclass(frozen=True)
@@ -92,26 +93,25 @@ class FeatureScene:
         inpainted by the network elsewhere.
         """
         cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
-        # In batches, or by several threads, the last bits would differ
+        size = 1 if self.cloud.rays.device.type == "cpu" else VIEWS_AT_ONCE
         views = devices.on_one_thread_each(
-            lambda one: self._view(one, intrinsics), cam_from_last.split(1)
+            lambda poses: self.rendered(poses, intrinsics), cam_from_last.split(size)
         )
         return Views(*(np.concatenate(arrays) for arrays in zip(*views, strict=True)))
 
     @torch.inference_mode()
-    def _view(
+    def rendered(
         self, cam_from_last: Tensor, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Render frame [1, H, W, 3], coverage [1, H, W] and depth [1, H, W] from the pose [1, 4,
-        4].
-        """
-        device = self.cloud.rays.device
-        noise = drawn(self.generator.noise_size, self.seed).to(device)
-        camera, size_px = (
-            intrinsics_tensor(intrinsics).to(device),
+        """Render frames [B, H, W, 3], coverage and depths [B, H, W] from poses [B, 4, 4]."""
+        device, count = self.cloud.rays.device, len(cam_from_last)
+        images = self.generator.render(
+            self.cloud.repeated(count),
+            cam_from_last.to(device),
+            intrinsics_tensor(intrinsics).to(device).expand(count, -1),
             (intrinsics.height_px, intrinsics.width_px),
+            drawn(self.generator.noise_size, self.seed).to(device).expand(count, -1),
         )
-        images = self.generator.render(self.cloud, cam_from_last.to(device), camera, size_px, noise)
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
         return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()

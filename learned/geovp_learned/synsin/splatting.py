@@ -9,19 +9,15 @@ order are treated as constant.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-Blending = Literal["alpha", "sum", "mean"]
-
 NEAR_M = 0.5  # points nearer than this to the new camera are not splatted
 MIN_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
 EMPTY = -1
 EPS = 1e-6  # keeps the square root of a distance differentiable at 0
-MIN_OPACITY = 1e-3  # divisor of the mean, at least
 SOLID_FACTOR = 4.0  # pull_push treats pixels of a quarter of full opacity as solid
 MIN_PULL_OPACITY = 1e-4  # thinner pixels count as empty in pull_push
 
@@ -30,16 +26,13 @@ MIN_PULL_OPACITY = 1e-4  # thinner pixels count as empty in pull_push
 class Splatter:
     """The splatting of points into images.
 
-    A point covers the pixels whose centre lies less than `radius_px` from it, with opacity (1 -
-    distance / radius) to the power of `sharpness`. Of a pixel's points the nearest
-    `points_per_pixel` are blended: "alpha" composites them from front to back, "sum" adds them
-    weighted by opacity, "mean" divides that by the opacities' sum.
+    A point covers the pixels whose centre lies less than `radius_px` from it, with the opacity 1 -
+    distance / radius. Of a pixel's points, the nearest `points_per_pixel` are composited from front
+    to back.
     """
 
     radius_px: float = 1.0
     points_per_pixel: int = 8
-    sharpness: float = 1.0
-    blending: Blending = "alpha"
 
     def __call__(
         self,
@@ -54,7 +47,7 @@ class Splatter:
         """
         batch, (height, width) = len(features), size_px
         slots = self._slots(positions_px, inverse_depths, visible, size_px)  # [B * H * W, K]
-        weights = self._weights(self._opacities(positions_px, slots, size_px))
+        weights = compositing_weights(self._opacities(positions_px, slots, size_px))
         blended = functional.embedding_bag(
             _filled(slots, visible.numel()),
             features.flatten(0, 1),
@@ -129,17 +122,14 @@ class Splatter:
         positions = positions[_filled(slots, len(positions))]
         squares = (positions - centres[:, None]).square().sum(dim=2) / self.radius_px**2
         opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
-        return torch.where(slots == EMPTY, 0.0, opacities**self.sharpness)
+        return torch.where(slots == EMPTY, 0.0, opacities)
 
-    def _weights(self, opacities: Tensor) -> Tensor:
-        """Return the blending weights of the slots [B * H * W, K]."""
-        if self.blending == "sum":
-            return opacities
-        if self.blending == "mean":
-            return opacities / opacities.sum(dim=1, keepdim=True).clamp(min=MIN_OPACITY)
-        transmittance = torch.cumprod(1 - opacities, dim=1)
-        before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
-        return opacities * before
+
+def compositing_weights(opacities: Tensor) -> Tensor:
+    """Return the weights [P, K] of points with these opacities, composited from front to back."""
+    transmittance = torch.cumprod(1 - opacities, dim=1)
+    before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
+    return opacities * before
 
 
 def _filled(slots: Tensor, num_points: int) -> Tensor:

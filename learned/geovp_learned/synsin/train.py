@@ -17,9 +17,10 @@ from geovp_learned import methods
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
-from geovp_learned.synsin.network import Architecture, Generator
+from geovp_learned.synsin.network import Architecture
 from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.published import PublishedGenerator
+from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.tensors import psnr_db
 
 
@@ -69,7 +70,7 @@ class SynSinTraining:
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""
         is_published = self.architecture.variant == "published"
-        generator = (PublishedGenerator if is_published else Generator)(self.architecture)
+        generator = (PublishedGenerator if is_published else ResidualGenerator)(self.architecture)
         networks: dict[str, nn.Module] = {"generator": generator}
         if self.weights.adversarial:
             networks["discriminator"] = MultiScaleDiscriminator(

@@ -117,9 +117,7 @@ def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(
     away = torch.eye(4)[None]
     away[0, 0, 3] = 1e4  # everything leaves the image
     images = generator.render(one, away, camera, (34, 30), torch.zeros(1, generator.noise_size))
-    assert splatters == [
-        Splatter(radius_px=34 * 4 / 256, points_per_pixel=128, sharpness=1.0, blending="alpha")
-    ]
+    assert splatters == [Splatter(radius_px=34 * 4 / 256, points_per_pixel=128)]
     assert not maps[0].any()
     assert not images.opacities.any()
     assert images.frames.shape == (1, 3, 34, 30)

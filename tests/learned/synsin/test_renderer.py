@@ -16,8 +16,8 @@ from geovp_classic.types import (
 )
 from geovp_learned import checkpoints
 from geovp_learned.synsin import pairs
-from geovp_learned.synsin.network import Generator
 from geovp_learned.synsin.renderer import SynSin
+from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.synsin.train import SynSinTraining
 
 NUM_PAST = 6
@@ -49,7 +49,9 @@ def fresh(method: SynSinTraining, tmp_path: Path) -> Path:
     """A weights file of an untrained network."""
     torch.manual_seed(0)
     file = tmp_path / "fresh.safetensors"
-    checkpoints.write(file, "synsin", method, {"generator": Generator(method.architecture)}, {})
+    checkpoints.write(
+        file, "synsin", method, {"generator": ResidualGenerator(method.architecture)}, {}
+    )
     return file
 
 
@@ -110,10 +112,22 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
     assert not views.depths[~views.covered].any()
 
 
+def test_several_views_at_once_are_those_one_by_one(overfitted: Path, clip: Clip) -> None:
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
+    scene = SynSin(overfitted).reconstruct(context, past_of(clip))
+    poses = torch.eye(4).repeat(3, 1, 1)
+    poses[:, 2, 3] = torch.tensor([0.0, -0.5, -1.0])
+    together = scene.rendered(poses, clip.intrinsics)
+    single = [scene.rendered(pose[None], clip.intrinsics) for pose in poses]
+    for number, several in enumerate(together):
+        alone = np.concatenate([view[number] for view in single])
+        np.testing.assert_allclose(several.astype(float), alone, rtol=1e-4, atol=1)
+
+
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     method: SynSinTraining, clip: Clip, tmp_path: Path
 ) -> None:
-    generator = Generator(method.architecture)
+    generator = ResidualGenerator(method.architecture)
     for parameter in generator.refinement_network.parameters():
         torch.nn.init.normal_(parameter, std=0.3)  # untrained, it would not let the noise through
     checkpoints.write(
