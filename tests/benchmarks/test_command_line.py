@@ -12,6 +12,7 @@ import pytest
 
 from geovp_benchmarks.matrix import files
 from geovp_benchmarks.results.store import Results
+from geovp_classic import registry
 
 from .conftest import Command, Says
 from .test_cli import matrix, run
@@ -165,8 +166,20 @@ def test_the_page_of_a_component(printed: Says) -> None:
     fusion = tomllib.loads(printed("list", "depth-fusion"))["renderers"]["depth-fusion"]
     assert fusion["num_frames"] == 10
     assert fusion["inpainter"]["name"] == "detail-transfer"
-    assert "from geovp_classic.renderers.depth_fusion:DepthFusion of geovp" in printed(
-        "list", "depth-fusion"
+    text = printed("list", "depth-fusion")
+    assert "from geovp_classic.renderers.depth_fusion:DepthFusion of geovp" in text
+    assert "\nsmall_step_cost = 5  # of a difference of one plane\n" in text
+
+
+@pytest.mark.parametrize("name", ["depth-fusion", "refined", "monocular", "motion-prior"])
+def test_a_printed_component_is_its_default(name: str, printed: Says) -> None:
+    """What is printed can be pasted into a matrix file."""
+    (role,) = (role for role in registry.ROLES if name in registry.names(role))
+    table = tomllib.loads(printed("list", name))
+    settings = table[role][name] if role in table else table
+    needed = {"source": {"name": "ground-truth"}} if name == "refined" else {}
+    assert registry.build(role, {**settings, **needed}) == registry.build(
+        role, {"name": name, **needed}
     )
 
 

@@ -108,42 +108,64 @@ def as_toml(role: str, name: str) -> str:
 
     kind = registry.load(role, name)
     (entry,) = metadata.entry_points(group=f"geovp.{role}", name=name)
-    settings: dict[str, Any] = {}
+    component = None
     lines = [f"{name} ({role})", "", *(inspect.getdoc(kind) or "").splitlines()]
     with suppress(GeovpError):  # a required field, or missing weights
         component = registry.build(role, name)
-        settings = registry.describe(component)
         needs = getattr(component, "needs", PrivilegedInput.NONE)
         inputs = [str(flag.name).lower().replace("_", " ") for flag in needs]
         lines.append(f"privileged inputs: {', '.join(inputs) or 'none'}")
     lines.append(f"from {entry.value} of {entry.dist.name if entry.dist else 'no package'}")
     lines = [f"# {line}".rstrip() for line in lines]
-    if role in ("pose_sources", "renderers", "predictors"):  # tables of a matrix file
-        lines.append(f"[{role}.{name}]")
-    lines.append(f'name = "{name}"')
+    # Of these roles, a component is a table of a matrix file
+    heading = f"{role}.{name}" if role in ("pose_sources", "renderers", "predictors") else ""
+    if heading:
+        lines.append(f"[{heading}]")
+    fields = table_lines(kind, component, heading)
+    return "\n".join([*lines, f'name = "{name}"', *fields])
+
+
+def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
+    """Return the fields of a dataclass as TOML; those that are dataclasses follow as tables.
+
+    `settings` is an instance, or None for the defaults.
+    """
     sources = "".join(inspect.getsource(parent) for parent in reversed(kind.__mro__[:-1]))
-    comments = dict(re.findall(r"^\s+(\w+): .*?(  # .+)$", sources, re.MULTILINE))
+    comments = dict(re.findall(r"^    (\w+): .*?(  # .+)$", sources, re.MULTILINE))
+    lines, tables = [], []
     for field in dataclasses.fields(kind):
-        value = settings.get(field.name, field.default)
+        value = getattr(settings, field.name, field.default)
         if value is dataclasses.MISSING is not field.default_factory:
             value = field.default_factory()
-        line = f"{field.name} = {toml_value(value)}"
+        comment = comments.get(field.name, "")
+        parts = value if isinstance(value, tuple) else (value,)
         if value is dataclasses.MISSING:
-            line = f"# {field.name} =   (required)"
-        lines.append(line + comments.get(field.name, ""))
-    return "\n".join(lines)
+            lines.append(f"# {field.name} =   (required){comment}")
+        elif parts and all(map(dataclasses.is_dataclass, parts)):
+            path = f"{heading}.{field.name}".removeprefix(".")
+            title = f"[[{path}]]" if parts is value else f"[{path}]"
+            for part in parts:
+                tables += ["", f"{title}{comment}", *registered_name(part)]
+                tables += table_lines(type(part), part, path)
+        else:
+            lines.append(f"{field.name} = {toml_value(value)}{comment}")
+    return lines + tables
+
+
+def registered_name(component: Any) -> list[str]:
+    """Return the line with the name of a component; nothing for other settings."""
+    from geovp_classic import registry
+
+    try:
+        return [f'name = "{registry.name_of(component)}"']
+    except UnknownComponent:
+        return []
 
 
 def toml_value(value: Any) -> str:
     """Return a value as TOML on one line."""
-    from geovp_classic import registry
-
-    if dataclasses.is_dataclass(value):
-        value = registry.describe(value)
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key} = {toml_value(item)}' for key, item in value.items())}}}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(toml_value, value))}]"
-    if isinstance(value, (bool, str)):
-        return json.dumps(value)
+    if isinstance(value, (bool, str, Path)):
+        return json.dumps(value, default=str)
     return '"none"' if value is None else str(value)
