@@ -213,21 +213,7 @@ class LivePredictor:
             return late
 
         settings = self.settings
-        start_s = float(present.past.times_s[-1])
-        now_s = max(time_s, start_s)
-        times_s = now_s + np.arange(0, settings.path_s, settings.path_step_s)
-        path = present.pose(times_s)
-        if commands:
-            path = commanded_poses(
-                commands,
-                present.past.world_from_cam[-1],
-                present.vehicle_from_cam,
-                start_s,
-                times_s,
-            )
-        if last_from_present is not None:
-            path = present.past.world_from_cam[-1] @ last_from_present[None]
-            times_s = times_s[:1]
+        path, times_s = self._path(present, time_s, commands, last_from_present)
         views = present.scene.view(path[:1], times_s[:1], self.intrinsics)
         covered = views.covered[0]
         if covered.mean() < settings.min_covered:
@@ -244,6 +230,32 @@ class LivePredictor:
             path_px=path_px,
             path_sides_px=sides_px,
         )
+
+    def _path(
+        self,
+        present: _Present,
+        time_s: float,
+        commands: Sequence[Command],
+        last_from_present: FloatArray | None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the poses [F, 4, 4] and times [F] of the path from a time on."""
+        settings = self.settings
+        start_s = float(present.past.times_s[-1])
+        now_s = max(time_s, start_s)
+        times_s = now_s + np.arange(0, settings.path_s, settings.path_step_s)
+        if last_from_present is not None:
+            path = present.past.world_from_cam[-1] @ last_from_present[None]
+            return path, times_s[:1]
+        if not commands:
+            return present.pose(times_s), times_s
+        path = commanded_poses(
+            commands,
+            present.past.world_from_cam[-1],
+            present.vehicle_from_cam,
+            start_s,
+            times_s,
+        )
+        return path, times_s
 
     def _check(self, frame: ByteArray, time_s: float) -> None:
         camera = self.intrinsics
