@@ -31,7 +31,13 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m geovp_learned", description="Train the learned parts."
     )
     verbs = parser.add_subparsers(dest="verb", required=True)
-    train = verbs.add_parser("train", help="train a method")
+    _add_train(verbs.add_parser("train", help="train a method"))
+    _add_card(verbs.add_parser("card", help="print the model card of a weights file"))
+    _add_export(verbs.add_parser("export", help="write a network as an ONNX file"))
+    return parser
+
+
+def _add_train(train: argparse.ArgumentParser) -> None:
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
     train.add_argument(
         "config",
@@ -62,7 +68,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="stop after S seconds of training",
     )
-    card = verbs.add_parser("card", help="print the model card of a weights file")
+
+
+def _add_card(card: argparse.ArgumentParser) -> None:
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
     card.add_argument(
         "--config",
@@ -75,7 +83,9 @@ def _parser() -> argparse.ArgumentParser:
     card.add_argument(
         "--log", type=Path, metavar="metrics.csv", help="the run's log; adds its curves"
     )
-    export = verbs.add_parser("export", help="write a network as an ONNX file")
+
+
+def _add_export(export: argparse.ArgumentParser) -> None:
     export.add_argument("name", help="deepvo, lpips")
     export.add_argument("--onnx", type=Path, required=True, metavar="FILE.onnx")
     export.add_argument(
@@ -90,7 +100,6 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument(
         "--size", type=int, default=256, metavar="PX", help="sides of the images of lpips (256)"
     )
-    return parser
 
 
 def _add_changes(parser: argparse.ArgumentParser) -> None:
