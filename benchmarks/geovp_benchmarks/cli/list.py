@@ -138,15 +138,15 @@ def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
         if value is dataclasses.MISSING is not field.default_factory:
             value = field.default_factory()
         comment = comments.get(field.name, "")
-        parts = value if isinstance(value, tuple) else (value,)
+        values = value if isinstance(value, tuple) else (value,)
         if value is dataclasses.MISSING:
             lines.append(f"# {field.name} =   (required){comment}")
-        elif parts and all(map(dataclasses.is_dataclass, parts)):
+        elif values and all(map(dataclasses.is_dataclass, values)):
             path = f"{heading}.{field.name}".removeprefix(".")
-            title = f"[[{path}]]" if parts is value else f"[{path}]"
-            for part in parts:
-                tables += ["", f"{title}{comment}", *registered_name(part)]
-                tables += table_lines(type(part), part, path)
+            title = f"[[{path}]]" if values is value else f"[{path}]"
+            for nested in values:
+                tables += ["", f"{title}{comment}", *registered_name(nested)]
+                tables += table_lines(type(nested), nested, path)
         else:
             lines.append(f"{field.name} = {toml_value(value)}{comment}")
     return lines + tables
