@@ -127,7 +127,7 @@ def gains(values: FloatArray, roads: FloatArray, metrics: Sequence[str]) -> Iter
 
 
 def presents(
-    clip: Clip, every: int, errors: CommandErrors = CommandErrors()
+    clip: Clip, stride: int, errors: CommandErrors = CommandErrors()
 ) -> Iterator[tuple[list[ByteArray], ByteArray, float]]:
     """Yield the views [L, H, W, 3] of each method, the real frames, and the fraction of warnings,
     for each scored frame.
@@ -139,7 +139,7 @@ def presents(
     for step, (frame, time_s) in enumerate(zip(clip.frames, clip.times_s, strict=True)):
         live.push(frame, time_s)
         steps = step + LATENCY_FRAMES
-        if step < NUM_WARM_UP or step % every or steps[-1] >= len(clip):
+        if step < NUM_WARM_UP or step % stride or steps[-1] >= len(clip):
             continue
         moved = se3.inverse(poses[step]) @ poses[steps]  # last_from_present
         yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
@@ -197,7 +197,7 @@ def shifted(frame: ByteArray, left_px: float) -> ByteArray:
 
 
 def received(
-    clip: Clip, every: int, loss: float, jitter_s: float, seed: int
+    clip: Clip, stride: int, loss: float, jitter_s: float, seed: int
 ) -> tuple[ByteArray, ByteArray]:
     """Return forecast views [N, H, W, 3] over a channel with faults, and the real frames."""
     rng = np.random.default_rng(seed)
@@ -212,7 +212,7 @@ def received(
             sent = order[num_pushed]
             live.push(clip.frames[sent], clip.times_s[sent])
             num_pushed += 1
-        if step >= 2 * NUM_WARM_UP and step % every == 0:
+        if step >= 2 * NUM_WARM_UP and step % stride == 0:
             views.append(live.view(now_s).frame)
             real.append(clip.frames[step])
     return np.stack(views), np.stack(real)

@@ -101,7 +101,7 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Mod
     The fingerprint only distinguishes files that had the same name at different times.
     """
     settings, tensors = read(file, method, methods.load(method))
-    name = settings.kept[0]
+    name = settings.stored_networks[0]
     network: nn.Module = settings.build()[name]
     restore(file, network, tensors, f"{name}.")
     return network.eval().to(device), settings
@@ -172,16 +172,17 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
     """Load the tensors of a prefix into their network; BadData unless names, shapes and values are
     right.
     """
-    own = {
+    subset = {
         key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)
     }
     try:
-        network.load_state_dict(own)
+        network.load_state_dict(subset)
     except RuntimeError as error:
         raise BadData(
-            f"{file}: {' '.join(str(error).split())}: the settings in it are not its own"
+            f"{file}: {' '.join(str(error).split())}: the settings in it do not describe its "
+            "network"
         ) from error
-    for key, value in own.items():
+    for key, value in subset.items():
         if not torch.isfinite(value).all():
             raise BadData(
                 f"{file}: tensor {prefix}{key} has a number that is not finite: train or get it "

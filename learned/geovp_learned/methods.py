@@ -34,7 +34,7 @@ class Method(Protocol):
     """
 
     @property
-    def kept(self) -> tuple[str, ...]:
+    def stored_networks(self) -> tuple[str, ...]:
         """Return the networks in the weights file; the first predicts, others (a discriminator) may
         be left out.
         """

@@ -214,10 +214,10 @@ class Trainer:
             "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
         }
-        kept = {name: self.evaluated[name].module for name in self.method.kept}
+        networks = {name: self.evaluated[name].module for name in self.method.stored_networks}
         if self.fabric.is_global_zero:
             file = self.folder / WEIGHTS
-            checkpoints.write(file, self.config.method_name, self.method, kept, history)
+            checkpoints.write(file, self.config.method_name, self.method, networks, history)
 
     def state(self) -> dict[str, Any]:
         """Return all that the next step depends on, but random numbers, seeded at every step."""

@@ -131,12 +131,12 @@ def settings(
     content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
     fields = changes.given
     if (variant := fields.pop("variant", None)) is not None:
-        known = content.get("variants", {})
-        if variant not in known:
+        variants = content.get("variants", {})
+        if variant not in variants:
             raise UnknownComponent(
-                f"{file} has no variant {variant!r}: it has {', '.join(known) or 'none'}"
+                f"{file} has no variant {variant!r}: it has {', '.join(variants) or 'none'}"
             )
-        content = _merged(content, known[variant])
+        content = _merged(content, variants[variant])
     for key in content:
         if key not in TABLES:
             raise UnknownComponent(

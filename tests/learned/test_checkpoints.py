@@ -109,7 +109,7 @@ def test_tensors_must_be_the_networks_own(file: Path) -> None:
             file, nn.Sequential(nn.Linear(3, 4), nn.BatchNorm1d(2)), tensors, "net."
         )
     with pytest.raises(
-        BadData, match=r'Missing key.*"2\.bias".*: the settings in it are not its own'
+        BadData, match=r'Missing key.*"2\.bias".*: the settings in it do not describe'
     ):
         checkpoints.restore(file, nn.Sequential(*network(), nn.Linear(2, 2)), tensors, "net.")
 

@@ -23,7 +23,7 @@ REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
 def parts(batch: Batch) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Images [P, H, W, 3], motions and the mask of those that are known."""
     images = batch["images"].movedim(1, -1).numpy()
-    return images, batch["motions"].double().numpy(), batch["known"].numpy()
+    return images, batch["motions"].double().numpy(), batch["is_known"].numpy()
 
 
 def drawn(
@@ -49,7 +49,7 @@ def test_the_wide_image_is_read_where_there_is_one() -> None:
 def test_mirroring_turns_right_into_left() -> None:
     (plain, motions, _), (mirrored, exchanged, _) = (
         drawn(NO_AUGMENTATION),
-        drawn(replace(NO_AUGMENTATION, mirror_share=1.0)),
+        drawn(replace(NO_AUGMENTATION, mirror_probability=1.0)),
     )
     np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-4)
     assert yaw_deg(motions).min() > 0.5  # this street bends to the right
@@ -61,7 +61,7 @@ def test_mirroring_turns_right_into_left() -> None:
 
 
 def test_every_other_frame_is_twice_the_motion() -> None:
-    _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0))
+    _, motions, known = drawn(replace(NO_AUGMENTATION, fast_probability=1.0))
     np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-4)
     np.testing.assert_array_equal(
         known, [True] * 4 + [False] * 2
@@ -69,7 +69,7 @@ def test_every_other_frame_is_twice_the_motion() -> None:
 
 
 def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
-    swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
+    swing = replace(NO_AUGMENTATION, turn_probability=1.0, turn_deg=3.0)
     _, motions, known = drawn(swing, seed=1)
     added = yaw_deg(motions) - yaw_deg(REAL[:6])
     np.testing.assert_allclose(added, added[0], atol=1e-4)
@@ -82,7 +82,7 @@ def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
     first the other.
     """
     rng = np.random.default_rng(5)
-    swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
+    swing = replace(NO_AUGMENTATION, turn_probability=1.0, turn_deg=3.0)
     images, motions, _ = parts(windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng))
     rng = np.random.default_rng(5)
     plain, _, _ = parts(windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, rng))
@@ -100,7 +100,7 @@ def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
 
 
 def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() -> None:
-    grey, _, _ = drawn(replace(NO_AUGMENTATION, grey_share=1.0))
+    grey, _, _ = drawn(replace(NO_AUGMENTATION, grey_probability=1.0))
     np.testing.assert_array_equal(grey[..., 0], grey[..., 2])
     (plain, _, _), (dark, _, _) = drawn(NO_AUGMENTATION), drawn(replace(NO_AUGMENTATION, gamma=1.0))
     for level in (60, 180):
@@ -121,7 +121,7 @@ def test_a_batch_draws_how_much_past_is_seen() -> None:
     rng = np.random.default_rng(0)
     batch = default_collate([method.example(each, rng) for each in examples[:2]])
     assert batch["motions"].shape == (2, 6, 4, 4)
-    assert batch["known"].shape == (2, 6)
+    assert batch["is_known"].shape == (2, 6)
     seen: set[int] = set()
 
     def network(images: torch.Tensor, num_future: int) -> tuple[torch.Tensor, torch.Tensor]:

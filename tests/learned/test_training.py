@@ -38,7 +38,7 @@ class LineTraining:
     noise: float = 0.1
 
     @property
-    def kept(self) -> tuple[str, ...]:
+    def stored_networks(self) -> tuple[str, ...]:
         return ("line",)
 
     def build(self) -> dict[str, nn.Module]:

@@ -69,10 +69,10 @@ def needed(protocol: str) -> tuple[dict[str, Any], list[str]]:
     from geovp_classic.data.windows import FrameRange
     from geovp_classic.errors import BadData
 
-    found = protocols.load(protocol)
-    if found.dataset is None:
-        raise BadData(f"--protocol {protocol}: is measured on {found.data}, not on KITTI")
-    spec = dict(found.dataset)
+    loaded = protocols.load(protocol)
+    if loaded.dataset is None:
+        raise BadData(f"--protocol {protocol}: is measured on {loaded.data}, not on KITTI")
+    spec = dict(loaded.dataset)
     if spec.get("split"):
         ranges = splits.load(spec["split"])
     else:

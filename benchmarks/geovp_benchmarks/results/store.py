@@ -230,11 +230,11 @@ class Results:
     def damaged_files(self) -> list[Path]:
         """Return the score files and kept files of this protocol that are not as written."""
         damaged: set[Path] = set()
-        kept = [self._clip(name) for name in self.clips()]
+        paths = [self._clip(name) for name in self.clips()]
         for method in self.protocol()["methods"]:
             damaged.update(self._read(method)[1])
-            kept += [self._prediction(method, name) for name in self.predictions(method)]
-        return sorted(damaged.union(path for path in kept if not kept_files.is_whole(path)))
+            paths += [self._prediction(method, name) for name in self.predictions(method)]
+        return sorted(damaged.union(path for path in paths if not kept_files.is_whole(path)))
 
     def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
         """Return all records of a method, and its damaged score files."""

@@ -34,7 +34,7 @@ class Plan:
     built: BuiltMatrix
     results: Results
     clips: Sequence[str]
-    kept: Selection
+    selection: Selection
     is_fresh: bool  # whether to recompute what another version of the code computed
 
     @cached_property
@@ -61,7 +61,7 @@ class Plan:
             "metrics": built.metrics.about,
             "methods": [method.name for method in built.methods],
             "clips": list(self.clips),
-            "kept": asdict(self.kept) if self.kept.by else None,
+            "kept": asdict(self.selection) if self.selection.by else None,
             "fingerprint": content_hash(
                 {"dataset": frames, "split": split_hash, "numbers": numbers}
             ),
@@ -114,8 +114,8 @@ class Plan:
         if not record["fingerprint"]:
             return set()
         name, fingerprint = method.name, record["fingerprint"]
-        kept = set(self.results.clips(self.fingerprint))
-        kept &= set(self.results.predictions(name, fingerprint))
+        predicted = set(self.results.clips(self.fingerprint))
+        predicted &= set(self.results.predictions(name, fingerprint))
         missing = set(self.clips)
         for scored in self.results.score_records(name, fingerprint):
             has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
@@ -123,7 +123,7 @@ class Plan:
                 missing.difference_update(scored.clips)
                 failures = scored.failures.items() if retry_failed else ()
                 missing |= {clip for clip, failure in failures if failure.status == "failed"}
-        return missing | (set(self.kept.clips) - kept)
+        return missing | (set(self.selection.clips) - predicted)
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
@@ -135,7 +135,7 @@ class Plan:
                 if clip in lacking
             }
             if fingerprints:
-                yield Task(matrix, root, index, clip, fingerprints, clip in self.kept.clips)
+                yield Task(matrix, root, index, clip, fingerprints, clip in self.selection.clips)
 
 
 def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:

@@ -35,7 +35,9 @@ def run(
     with results_lock(results, plan.protocol):
         compute_missing(plan, executor, progress)
         if ":" in options.keep:
-            compute_missing(replace(plan, kept=rank(options.keep, results)), executor, progress)
+            compute_missing(
+                replace(plan, selection=rank(options.keep, results)), executor, progress
+            )
     return results.methods()
 
 

@@ -223,12 +223,12 @@ def motions(steps: Tensor, head: Head) -> Tensor:
     (sy, cy), (sp, cp), (sr, cr) = (
         (torch.sin(angle), torch.cos(angle)) for angle in (yaw, pitch, roll)
     )
-    zero, one = torch.zeros_like(x), torch.ones_like(x)
+    zero, unit = torch.zeros_like(x), torch.ones_like(x)
     rows = [
         *(cy * cr + sy * sp * sr, -cy * sr + sy * sp * cr, sy * cp, x),
         *(cp * sr, cp * cr, -sp, y),
         *(-sy * cr + cy * sp * sr, sy * sr + cy * sp * cr, cy * cp, z),
-        *(zero, zero, zero, one),
+        *(zero, zero, zero, unit),
     ]
     return torch.stack(rows, dim=-1).unflatten(-1, (4, 4))
 

@@ -43,7 +43,7 @@ class DeepVoTraining:
     rate: float = 1e-3
     weight_decay: float = 1e-4
 
-    kept: ClassVar[tuple[str, ...]] = ("poses",)
+    stored_networks: ClassVar[tuple[str, ...]] = ("poses",)
 
     def __post_init__(self) -> None:
         if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
@@ -79,29 +79,28 @@ class DeepVoTraining:
         skipped = int(torch.randint(self.num_past - self.shortest_past + 1, ()))
         parts = {name: part[:, skipped:] for name, part in batch.items()}
         past, future = networks["poses"](parts["images"].float() / 255.0, self.num_future)
-        return {"poses": self.losses(past, future, parts["motions"], parts["known"])}
+        return {"poses": self.losses(past, future, parts["motions"], parts["is_known"])}
 
     def losses(
         self,
         past: Tensor,  # [B, P - 1, D] steps
         future: Tensor,  # [B, F, D]
         real: Tensor,  # [B, P + F - 1, 4, 4]
-        known: Tensor,  # [B, P + F - 1]
+        weights: Tensor,  # [B, P + F - 1]; 0 for a step that is not learnt
     ) -> Losses:
         """Return the losses of eq. 3.6 as means over the past's and the future's valid steps."""
         head = self.architecture.head
         predicted = motions(torch.cat([past, future], dim=1).float(), head)
         if self.loss == "absolute":
             predicted, real = chained(predicted), chained(real)
-            known = (
-                known / torch.arange(1, known.shape[1] + 1, device=known.device) ** self.drift_power
-            )
+            lengths = torch.arange(1, weights.shape[1] + 1, device=weights.device)
+            weights = weights / lengths**self.drift_power
         translation, rotation = squared_errors(predicted, real, head)
         both = translation + self.rotation_weight * rotation
         split = past.shape[1]
         losses = {
-            "past": _mean(both[:, :split], known[:, :split]),
-            "future": _mean(both[:, split:], known[:, split:]),
+            "past": _mean(both[:, :split], weights[:, :split]),
+            "future": _mean(both[:, split:], weights[:, split:]),
         }
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
@@ -113,9 +112,9 @@ class DeepVoTraining:
         rng = np.random.default_rng(0)
         device = next(networks["poses"].parameters()).device
         for start in range(0, len(examples), VALIDATION_BATCH):
-            chosen = examples[start : start + VALIDATION_BATCH]
+            subset = examples[start : start + VALIDATION_BATCH]
             batch = default_collate(
-                [windows.sample(window, *self._sizes, NO_AUGMENTATION, rng) for window in chosen]
+                [windows.sample(window, *self._sizes, NO_AUGMENTATION, rng) for window in subset]
             )
             images = batch["images"].to(device).float() / 255.0
             past, future = networks["poses"](images, self.num_future)

@@ -40,17 +40,18 @@ class Augmentation:
     look sideways while driving straight, the future of such windows is not learnt from.
     """
 
-    mirror_share: float = 0.5
-    fast_share: float = 0.25  # every other frame: twice the speed
-    turn_share: float = 0.5
+    mirror_probability: float = 0.5
+    fast_probability: float = 0.25  # every other frame: twice the speed
+    turn_probability: float = 0.5
     turn_deg: float = 3.0  # per step, at most
-    grey_share: float = 0.5
+    grey_probability: float = 0.5
     gamma: float = 0.3  # exponent of brightness, e^(-gamma) to e^gamma
 
     def __post_init__(self) -> None:
-        for name in ("mirror_share", "fast_share", "turn_share", "grey_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise BadData(f"augmentation.{name} is {getattr(self, name)}, expected 0 to 1")
+        for name in ("mirror", "fast", "turn", "grey"):
+            probability = getattr(self, f"{name}_probability")
+            if not 0 <= probability <= 1:
+                raise BadData(f"augmentation.{name}_probability is {probability}, expected 0 to 1")
 
 
 NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -82,23 +83,23 @@ def sample(
     rng: np.random.Generator,
 ) -> Batch:
     """Draw an augmented window: "images" [P, 3, H, W] bytes, "motions" [P + F - 1, 4, 4], and
-    "known" [P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
+    "is_known" [P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
     """
-    shares = (
-        augmentation.mirror_share,
-        augmentation.fast_share,
-        augmentation.turn_share,
-        augmentation.grey_share,
+    probabilities = (
+        augmentation.mirror_probability,
+        augmentation.fast_probability,
+        augmentation.turn_probability,
+        augmentation.grey_probability,
     )
-    mirrored, fast, turning, grey = rng.random(4) < shares
+    mirrored, fast, turning, grey = rng.random(4) < probabilities
     rate_rad = np.deg2rad(rng.uniform(-1, 1) * augmentation.turn_deg) * turning
     gamma = np.exp(rng.uniform(-1, 1) * augmentation.gamma)
     clip, last = window.clip, len(window.clip.frames) - 1
     stride = 2 if fast and window.first + 2 * (num_past - 1) <= last else 1
     steps = window.first + stride * np.arange(num_past + num_future)
-    known = steps[1:] <= last
+    is_known = steps[1:] <= last
     if turning:
-        known[num_past - 1 :] = False
+        is_known[num_past - 1 :] = False
     # no rotation at the middle of the window, so that its images stay within the wide frame
     cam_from_turned = _yawed(rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2))
     gamma_table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
@@ -117,7 +118,7 @@ def sample(
     return {
         "images": tensors.bytes_from_frames(np.stack(images)),
         "motions": torch.from_numpy(relative).float(),
-        "known": torch.from_numpy(known).float(),
+        "is_known": torch.from_numpy(is_known).float(),
     }
 
 

@@ -96,8 +96,8 @@ class OnnxInpainter:
         is_image_first = 3 in first.shape
         image_tensor, mask_tensor = (first, second) if is_image_first else (second, first)
         size_px = image_input(self.path, image_tensor).resolve(self.path, self.size_px)
-        known = np.where(covered[..., None], frame, np.uint8(0))
-        image = normalised(known[None], size_px, (0.0,) * 3, (1.0,) * 3)
+        visible = np.where(covered[..., None], frame, np.uint8(0))
+        image = normalised(visible[None], size_px, (0.0,) * 3, (1.0,) * 3)
         hole = cv2.resize((~covered).astype(np.float32), size_px, interpolation=cv2.INTER_LINEAR)
         mask = (hole > 0).astype(np.float32)[None, None]
         with files.checked(f"{self.path} cannot be run", "adapt size_px to the file"):

@@ -89,8 +89,8 @@ def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str,
     critic.requires_grad_(True)
     features = [
         (a, b)
-        for one, other in zip(wanted, given, strict=True)
-        for a, b in zip(one[:-1], other, strict=False)
+        for maps, other in zip(wanted, given, strict=True)
+        for a, b in zip(maps[:-1], other, strict=False)
     ]
     return {
         "adversarial": torch.stack([-scale[-1].mean() for scale in given]).mean(),

@@ -39,12 +39,12 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
     return network(predicted, target).mean()
 
 
-def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
+def depth_loss(inverse_depths: Tensor, target: Tensor) -> Tensor:
     """Return the mean absolute difference of inverse depths [B, H, W] 1/m, times 20 m, a typical
     depth; NaN is unknown.
     """
-    is_known = torch.isfinite(known)
-    difference = torch.where(is_known, inverse_depths - torch.nan_to_num(known), 0.0)
+    is_known = torch.isfinite(target)
+    difference = torch.where(is_known, inverse_depths - torch.nan_to_num(target), 0.0)
     return 20 * difference.abs().sum() / is_known.sum().clamp(min=1)
 
 
@@ -95,7 +95,7 @@ def smoothness_loss(inverse_depths: Tensor, frames: Tensor) -> Tensor:
     return total
 
 
-def _dssim(one: Tensor, other: Tensor) -> Tensor:
+def _dssim(predicted: Tensor, target: Tensor) -> Tensor:
     """Return (1 - SSIM) / 2 over windows of 3x3 pixels [B, H, W]."""
 
     def mean(maps: Tensor) -> Tensor:
@@ -103,8 +103,8 @@ def _dssim(one: Tensor, other: Tensor) -> Tensor:
             functional.pad(maps, (1, 1, 1, 1), mode="reflect"), 3, stride=1
         )
 
-    a, b = mean(one), mean(other)
-    variances = mean(one**2) - a**2 + mean(other**2) - b**2
-    covariance = mean(one * other) - a * b
+    a, b = mean(predicted), mean(target)
+    variances = mean(predicted**2) - a**2 + mean(target**2) - b**2
+    covariance = mean(predicted * target) - a * b
     ssim = (2 * a * b + C1) * (2 * covariance + C2) / ((a**2 + b**2 + C1) * (variances + C2))
     return ((1 - ssim) / 2).clamp(0, 1).mean(dim=1)

@@ -88,13 +88,13 @@ class Generator(nn.Module, ABC):
         frames: Tensor,  # [B, 3, H, W] in [0, 1]
         intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy in pixels
         cam_from_last: Tensor | None = None,  # [B, V, 4, 4], metres
-        depth_share: float = 1.0,
+        depth_gradient_scale: float = 1.0,
     ) -> tuple[Images | None, Tensor]:
         """Render the images of V views each [B * V, ...], under random noise; return the frames'
         inverse depths [B, H, W], too.
 
-        Without motion only the depths are computed. `depth_share` scales the images' gradient in
-        the depth network.
+        Without motion only the depths are computed. `depth_gradient_scale` scales the images'
+        gradient in the depth network.
         """
         size_px = (frames.shape[2], frames.shape[3])
         if cam_from_last is None:
@@ -102,8 +102,8 @@ class Generator(nn.Module, ABC):
         cloud = self.encode(frames, intrinsics)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
         cloud = cloud._replace(
-            inverse_depths=depth_share * inverse_depths
-            + (1 - depth_share) * inverse_depths.detach()
+            inverse_depths=depth_gradient_scale * inverse_depths
+            + (1 - depth_gradient_scale) * inverse_depths.detach()
         )
         noise = torch.randn(len(frames) * views, self.noise_size, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)

@@ -71,7 +71,7 @@ def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
     """Return all frames that have `max_horizon` frames after them; raise BadData if a clip is too
     short or has no metric poses.
     """
-    found = []
+    frames = []
     for clip in clips:
         tensors.metric_trajectory(clip, "synsin")
         if len(clip) <= max_horizon:
@@ -79,8 +79,8 @@ def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
                 f"{clip.name} has {len(clip)} frames, but horizons up to {max_horizon} need "
                 "more: raise num_frames"
             )
-        found += [Example(clip, last) for last in range(len(clip) - max_horizon)]
-    return found
+        frames += [Example(clip, last) for last in range(len(clip) - max_horizon)]
+    return frames
 
 
 def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
@@ -96,16 +96,16 @@ def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
     return FramePairs(clip.frames[last], clip.frames[steps], motion, clip.intrinsics, inverse_depth)
 
 
-def augmented(pairs: FramePairs, rng: np.random.Generator, grey_share: float) -> FramePairs:
-    """Mirror with probability 1/2, and remove the colours with probability `grey_share`."""
+def augmented(pairs: FramePairs, rng: np.random.Generator, grey_probability: float) -> FramePairs:
+    """Mirror with probability 1/2, and remove the colours with probability `grey_probability`."""
     if rng.random() < 0.5:
         pairs = pairs.mirrored()
-    return pairs.grey() if rng.random() < grey_share else pairs
+    return pairs.grey() if rng.random() < grey_probability else pairs
 
 
-def batch(chosen: Iterable[FramePairs]) -> Batch:
+def batch(examples: Iterable[FramePairs]) -> Batch:
     """Stack examples of one size as tensors, each with a first axis of size B."""
-    return default_collate([pairs.tensors() for pairs in chosen])
+    return default_collate([pairs.tensors() for pairs in examples])
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:

@@ -148,8 +148,8 @@ class Blocks(nn.Module):
         """Map features [B, C, H, W] to [B, C', H, W], with noise [B, NOISE_SIZE]; H and W are
         multiples of 4 where they change.
         """
-        for block, own in zip(self.blocks, noise.split(2 * NOISE, dim=1), strict=True):
-            maps = block(maps, own)
+        for block, values in zip(self.blocks, noise.split(2 * NOISE, dim=1), strict=True):
+            maps = block(maps, values)
         return maps
 
 

@@ -79,9 +79,9 @@ class Splatter:
         ranks = (
             torch.arange(len(pixels), device=pixels.device) - (counts.cumsum(0) - counts)[pixels]
         )
-        kept = ranks < self.points_per_pixel
+        is_nearest = ranks < self.points_per_pixel
         slots = pixels.new_full((len(counts), self.points_per_pixel), EMPTY)
-        slots[pixels[kept], ranks[kept]] = points[order][kept]
+        slots[pixels[is_nearest], ranks[is_nearest]] = points[order][is_nearest]
         return slots
 
     def _pairs(
@@ -109,9 +109,9 @@ class Splatter:
         squares = (centres - positions[:, None]).square().sum(dim=2)
         inside = (centres >= 0).all(dim=2) & (centres[..., 0] < width) & (centres[..., 1] < height)
         rows, columns = torch.nonzero(inside & (squares < self.radius_px**2), as_tuple=True)
-        chosen = centres[rows, columns]
+        covered = centres[rows, columns]
         points = numbers[rows]
-        return (points // num_points * height + chosen[:, 1]) * width + chosen[:, 0], points
+        return (points // num_points * height + covered[:, 1]) * width + covered[:, 0], points
 
     def _opacities(self, positions_px: Tensor, slots: Tensor, size_px: tuple[int, int]) -> Tensor:
         """Return the opacities of the points in the slots [B * H * W, K]; 0 in empty ones."""

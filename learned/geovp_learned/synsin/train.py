@@ -49,18 +49,18 @@ class SynSinTraining:
     content_net: losses.ContentNet = "squeeze"
     max_horizon: int = 20
     views: int = 2
-    near_share: float = (
-        0.5  # of examples with one view in the nearest quarter of horizons, which helps depth
-    )
+    # of examples with a view in the nearest quarter of horizons, which helps depth
+    near_probability: float = 0.5
     depth_first_steps: int = 0  # at the start, with depth losses alone
-    depth_share: float = 1.0  # factor of the images' gradient in the depth network; 1 in the paper
-    grey_share: float = 0.2  # probability that an example is shown without colours
+    # of the images' gradient in the depth network; 1 in the paper
+    depth_gradient_scale: float = 1.0
+    grey_probability: float = 0.2  # probability that an example is shown without colours
     rate: float = 1e-3
     discriminator_rate: float = 2e-3
     discriminator_width: int = 64
     validation_stride: int = 20  # frames between two validation examples
 
-    kept: ClassVar[tuple[str, ...]] = ("generator",)
+    stored_networks: ClassVar[tuple[str, ...]] = ("generator",)
 
     def __post_init__(self) -> None:
         methods.check_counts(
@@ -98,10 +98,10 @@ class SynSinTraining:
         horizons = 1 + rng.choice(
             self.max_horizon, self.views, replace=self.views > self.max_horizon
         )
-        if rng.random() < self.near_share:
+        if rng.random() < self.near_probability:
             horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
         drawn = pairs.frame_pairs(item, horizons.tolist())
-        return pairs.augmented(drawn, rng, self.grey_share).tensors()
+        return pairs.augmented(drawn, rng, self.grey_probability).tensors()
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the generator's losses, and the discriminator's on the generated images."""
@@ -110,7 +110,7 @@ class SynSinTraining:
             _, inverse_depths = networks["generator"](frames, intrinsics)
             return {"generator": self._summed(self._depth_losses(inverse_depths, batch))}
         images, inverse_depths = networks["generator"](
-            frames, intrinsics, batch["cam_from_last"], self.depth_share
+            frames, intrinsics, batch["cam_from_last"], self.depth_gradient_scale
         )
         fake, real = images.frames, batch["targets"].flatten(0, 1)
         terms = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}

@@ -56,10 +56,10 @@ class VideoTraining(ABC):
     num_future: int = 10
     window_stride: int = 1
     validation_stride: int = 5
-    grey_share: float = 0.3  # probability that a window is shown without colours
+    grey_probability: float = 0.3  # probability that a window is shown without colours
     rate: float = 1e-3
 
-    kept: ClassVar[tuple[str, ...]] = ("video",)
+    stored_networks: ClassVar[tuple[str, ...]] = ("video",)
     network: ClassVar[Any]  # the class of the network, built from the architecture
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class VideoTraining(ABC):
         frames = item
         if rng.random() < 0.5:
             frames = frames[:, :, ::-1]
-        if rng.random() < self.grey_share:
+        if rng.random() < self.grey_probability:
             frames = np.stack([grey(frame) for frame in frames])
         return {"images": bytes_from_frames(frames)}
 
@@ -145,23 +145,23 @@ class VideoTraining(ABC):
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
     """Return the network without Fabric's wrapper."""
-    own = network if isinstance(network, VideoNetwork) else network.module
-    assert isinstance(own, VideoNetwork)
-    return own
+    module = network if isinstance(network, VideoNetwork) else network.module
+    assert isinstance(module, VideoNetwork)
+    return module
 
 
 def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:
     """Return every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip
     share their memory.
     """
-    found = []
+    cut = []
     for clip in clips:
         frames = resize(clip.frames, size_px, size_px)
-        found += [
+        cut += [
             frames[first : first + num_frames]
             for first in range(0, len(frames) - num_frames + 1, stride)
         ]
-    return found
+    return cut
 
 
 def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:

@@ -18,7 +18,7 @@ def clip() -> Clip:
 
 
 def test_views_with_known_motion_beat_the_late_image(clip: Clip) -> None:
-    ((views, real, warned),) = latency.presents(clip, every=15, errors=NO_ERRORS)
+    ((views, real, warned),) = latency.presents(clip, stride=15, errors=NO_ERRORS)
     assert warned == 0
     errors = {
         method: np.abs(np.asarray(frames, float) - real).mean(axis=(1, 2, 3))

@@ -54,7 +54,7 @@ def method() -> SynSinTraining:
         Weights(content=0.0, adversarial=0.0, depth=1.0, reprojection=1.0, roughness=0.01),
         max_horizon=2,
         views=2,
-        grey_share=0.0,
+        grey_probability=0.0,
         rate=1e-2,
     )
 

@@ -51,7 +51,8 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FrameP
 
 def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
     drawn = [
-        pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)
+        pairs.augmented(scene, np.random.default_rng(seed), grey_probability=0.25)
+        for seed in range(200)
     ]
     mirrored = sum(
         one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any()

@@ -103,7 +103,7 @@ def test_an_adversary_takes_turns_with_the_generator(
     examples = adversarial.examples([clip], training=True)[:2]
     networks, history = trained(adversarial, examples, num_steps=30)
     assert set(networks) == {"generator", "discriminator"}
-    assert adversarial.kept == ("generator",)
+    assert adversarial.stored_networks == ("generator",)
     wanted = history[0]["generator.colour"] + 0.1 * (
         history[0]["generator.adversarial"] + 10 * history[0]["generator.feature_matching"]
     )
@@ -142,5 +142,5 @@ def test_configs_that_come_with_the_package_are_sound(
     assert sizes["generator"] * 2 < 20e6  # bytes in half precision
     if name == "synsin-thesis":
         assert config.method.weights == Weights()  # the paper's losses alone
-        assert config.method.depth_share == 1
+        assert config.method.depth_gradient_scale == 1
         assert "discriminator" in sizes

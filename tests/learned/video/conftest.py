@@ -25,7 +25,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def method(name: str) -> VideoTraining:
-    common = {"num_past": NUM_PAST, "num_future": NUM_FUTURE, "rate": 5e-3, "grey_share": 0.0}
+    common = {"num_past": NUM_PAST, "num_future": NUM_FUTURE, "rate": 5e-3, "grey_probability": 0.0}
     if name == "svg":
         return SvgTraining(**common, architecture=svg.Architecture(CODING, 24, latent_size=4))
     if name == "srvp":

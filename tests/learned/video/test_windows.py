@@ -31,5 +31,5 @@ def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
 def test_grey_is_luma_in_all_three_channels() -> None:
     green = np.zeros((2, 4, 4, 3), np.uint8)
     green[..., 1] = 200
-    images = SvgTraining(grey_share=1.0).example(green, np.random.default_rng(0))["images"]
+    images = SvgTraining(grey_probability=1.0).example(green, np.random.default_rng(0))["images"]
     assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
