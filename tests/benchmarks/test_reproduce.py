@@ -107,7 +107,17 @@ def test_cityscapes_at_a_smaller_size(
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
-        code = cli.main(["reproduce", *args, "--set", "protocol.size_px=[352, 176]"])
+        code = cli.main(
+            [
+                "reproduce",
+                *args,
+                "--set",
+                "protocol.size_px=[352, 176]",
+                "--methods",
+                "vo+prior + fusion",
+                "copy-last",
+            ]
+        )
     assert code == 0
     results = Results(out)
     shared = results.protocol()

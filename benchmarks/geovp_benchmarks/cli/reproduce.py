@@ -10,12 +10,10 @@ Examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
-from geovp_classic import errors
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
@@ -46,7 +44,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
 
     published.load(args.name)  # an unknown name is bad input
     matrix = schema.read(CONFIGS / f"{args.name}.toml", args.set)
-    matrix = restricted(matrix, args.samples, args.methods)
+    matrix = with_max_samples(matrix.select(*args.methods), args.samples)
     matrix = matrix.with_root(args.root).with_device(args.device)
     results = Results(args.out or Path("results") / args.name)
     executor = registry.build("executors", args.workers)
@@ -60,17 +58,14 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     return exit_code(methods)
 
 
-def restricted(matrix: Matrix, max_samples: int | None, methods: Sequence[str]) -> Matrix:
-    """Return the matrix with fewer samples, and if some are named, with these predictors alone."""
-    update: dict[str, Any] = {"pose_sources": {}, "renderers": {}} if methods else {}
-    update["predictors"] = {}
-    for name in methods or matrix.predictors:
-        if name not in matrix.predictors:
-            nearest = errors.nearest(name, matrix.predictors)
-            raise errors.BadData(f"--methods {name}: no method of {matrix.name}{nearest}")
-        entry = matrix.predictors[name]
-        num_samples = entry.num_samples or matrix.num_samples
-        if max_samples is not None:
-            num_samples = min(max_samples, num_samples)
-        update["predictors"][name] = entry.model_copy(update={"num_samples": num_samples})
-    return matrix.model_copy(update=update)
+def with_max_samples(matrix: Matrix, max_samples: int | None) -> Matrix:
+    """Return the matrix with at most this many samples of each predictor, if a number is given."""
+    if max_samples is None:
+        return matrix
+    predictors = {
+        name: entry.model_copy(
+            update={"num_samples": min(max_samples, entry.num_samples or matrix.num_samples)}
+        )
+        for name, entry in matrix.predictors.items()
+    }
+    return matrix.model_copy(update={"predictors": predictors})

@@ -7,6 +7,7 @@ clips once more.
 Examples:
   geovp run demo
   geovp run fusion --root path/to/kitti --workers 2
+  geovp run demo --methods "gt-3d + fusion" copy-last
   geovp run demo --set protocol.stride=20 --set renderers.fusion.inpainter.name=telea
 """
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the matrix, its changes, and how it is computed."""
     add_shared(parser, "matrix")
-    add_group(parser, "matrix", "--root", "--limit", "--set")
+    add_group(parser, "matrix", "--root", "--limit", "--methods", "--set")
     group = add_group(parser, "execution", "--workers", "--device")
     add_flag(group, "--fresh", "Recompute results of other versions of the code.")
     add_flag(group, "--dry-run", "Print what would be computed, with time and size, only.")
@@ -48,7 +49,12 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.tables import formats, tables
     from geovp_classic import registry
 
-    matrices = multiple_datasets.parse(*files.read(args.matrix, args.set), args.root)
+    matrices = {
+        label: matrix.select(*args.methods)
+        for label, matrix in multiple_datasets.parse(
+            *files.read(args.matrix, args.set), args.root
+        ).items()
+    }
     options = Options(args.limit, args.keep, args.fresh)
     root = args.out or Path("results") / args.matrix.stem
     if args.dry_run:

@@ -14,7 +14,7 @@ from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import Spec
 from geovp_benchmarks.results.score_files import Failure
 from geovp_classic import registry
-from geovp_classic.errors import GeovpError, Incompatible, MissingExtra, UnknownComponent
+from geovp_classic.errors import GeovpError, Incompatible, MissingExtra
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import PrivilegedInput
 
@@ -42,13 +42,11 @@ def build(role: str, name: str, spec: Spec) -> Any:
 
 def build_method(matrix: Matrix, label: str) -> Any:
     """Build the predictor of a method; UnknownComponent names the nearest label."""
-    methods = {method.label: method for method in matrix.methods}
-    if label not in methods:
-        nearest = registry.nearest(label, methods)
-        raise UnknownComponent(f"{matrix.name} has no method {label!r}{nearest}")
+    selected = matrix.select(label)
+    (method,) = selected.methods
     components = {
-        role: registry.build(key[0], matrix.specs[key], ".".join(key))
-        for role, key in methods[label].components.items()
+        role: registry.build(key[0], selected.specs[key], ".".join(key))
+        for role, key in method.components.items()
     }
     return components.get("predictor") or GeometricPredictor(**components)
 

@@ -22,7 +22,7 @@ from geovp_benchmarks.matrix.values import (
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.results.validation import validated
 from geovp_classic import registry
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import PrivilegedInput
 
 RESERVED = (  # files and folders of the results
@@ -140,10 +140,14 @@ class Matrix(ProtocolTable, ComponentTables):
     dataset: Spec  # of stored results with the fields that the protocol sets, too
     frame_metrics: Specs
     trajectory_metrics: Specs
+    selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
 
     @property
     def methods(self) -> tuple[MethodPlan, ...]:
-        """Return all pose sources with all renderers, then the predictors, in the file's order."""
+        """Return the selected methods.
+
+        All are the pose sources with each renderer, then the predictors, in the file's order.
+        """
         geometric = [
             MethodPlan(entry.num_samples or self.num_samples, source, renderer)
             for source, entry in self.pose_sources.items()
@@ -153,16 +157,23 @@ class Matrix(ProtocolTable, ComponentTables):
             MethodPlan(entry.num_samples or self.num_samples, predictor=name)
             for name, entry in self.predictors.items()
         )
-        return (*geometric, *predictors)
+        methods = {method.label: method for method in (*geometric, *predictors)}
+        return tuple(methods[label] for label in self.selected or methods)
+
+    def select(self, *labels: str) -> Self:
+        """Return the matrix with these methods only; UnknownComponent names the nearest label."""
+        available = [method.label for method in self.methods]
+        for label in labels:
+            if label not in available:
+                nearest = registry.nearest(label, available)
+                raise UnknownComponent(f"{self.name} has no method {label!r}{nearest}")
+        return self.model_copy(update={"selected": labels})
 
     @property
     def specs(self) -> dict[tuple[str, str], Spec]:
-        """Return the components by role and name."""
-        return {
-            (role, name): component.spec
-            for role in ("renderers", "pose_sources", "predictors")
-            for name, component in getattr(self, role).items()
-        }
+        """Return the components of the methods by role and name."""
+        keys = [key for method in self.methods for key in method.components.values()]
+        return {(role, name): getattr(self, role)[name].spec for role, name in keys}
 
     def with_root(self, root: Path | str | None) -> Self:
         """Return the matrix with another root of its data set, or with $VARIABLES expanded."""
