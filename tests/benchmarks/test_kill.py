@@ -115,7 +115,7 @@ def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
 ) -> None:
     errors = tmp_path / "errors"
     with errors.open("wb") as stream:
-        process = begin(tmp_path, toys, 2.0, "--workers", "2", stderr=stream)
+        process = begin(tmp_path, toys, 1.0, "--workers", "2", stderr=stream)
         wait_for_files(tmp_path / "out", 1, process)
         process.send_signal(sent)
         assert process.wait(timeout=5) == 130
