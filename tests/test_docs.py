@@ -108,11 +108,14 @@ def pages_with(*languages: str) -> list[pytest.param]:
 
 
 def shell_lines() -> Iterator[pytest.param]:
+    """Yield the words of each command, once if several pages have it."""
+    seen = set()
     for page in PAGES:
         for block in blocks(page, "sh"):
             for number, line in enumerate(block.text.splitlines(), block.line + 1):
                 words = shlex.split(line, comments=True)
-                if words:
+                if words and tuple(words) not in seen:
+                    seen.add(tuple(words))
                     yield pytest.param(words, id=f"{page.relative_to(ROOT)}:{number}")
 
 

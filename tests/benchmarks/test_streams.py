@@ -45,13 +45,18 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("streams", UNREADABLE)
 def test_a_matrix_is_run_although_nobody_reads(streams: str, folder: Path) -> None:
-    assert geovp("run matrix.toml --out results", streams, folder) == 0
+    assert geovp("run matrix.toml --out results --no-report", streams, folder) == 0
+    assert any((folder / "results" / "tables").iterdir())
+
+
+def test_a_report_is_written_although_nobody_reads(folder: Path) -> None:
+    assert geovp("run matrix.toml --out results", ">&- 2>&-", folder) == 0
     assert (folder / "results" / "report.html").is_file()
 
 
 @pytest.mark.parametrize("streams", FULL)
 def test_a_full_disk_under_the_output_is_an_error(streams: str, folder: Path) -> None:
-    assert geovp("run matrix.toml --out results", streams, folder) == 2
+    assert geovp("run matrix.toml --out results --no-report", streams, folder) == 2
 
 
 @pytest.mark.parametrize("streams", ["2>&-", "2>&1 | head -1"])

@@ -76,7 +76,7 @@ def kitti_clips() -> Iterator[Clip]:
     dataset = registry.build(
         "datasets",
         {"name": "kitti", "root": str(root), "split": "val", "num_frames": 30}
-        | {"size_px": [256, 256], "stride": 60},
+        | {"size_px": [256, 256], "stride": 75},
     )
     for index in range(len(dataset)):
         yield dataset[index]
