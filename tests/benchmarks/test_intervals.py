@@ -37,6 +37,13 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     assert (naive < 0.82) == (correlation == 0.5)
 
 
+@pytest.mark.parametrize("degrees", [1, 2, 5, 400])
+def test_quantiles_of_students_t_are_those_of_scipy(degrees: int) -> None:
+    tails = np.array([0.5005, 0.9, 0.975, 0.99995])
+    quantiles = intervals.student_quantiles(degrees, tails)
+    np.testing.assert_allclose(quantiles, stats.t.ppf(tails, degrees), rtol=2e-6)
+
+
 def test_independent_values_get_about_students_interval() -> None:
     values = np.random.default_rng(0).normal(5.0, 2.0, 400)
     found = intervals.interval(values, np.zeros(400))

@@ -14,13 +14,13 @@ shows how often such intervals hold the truth.
 """
 
 import functools
+import statistics
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
@@ -150,7 +150,7 @@ class BlockBootstrap:
         # few slow cosines can be small by chance
         error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
         if count > self.max_resampled:
-            off = special.ndtri((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
+            off = _normal_quantiles((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
         else:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
@@ -217,9 +217,14 @@ class BlockBootstrap:
 
     def _p_zero(self, mean: float, off: FloatArray, degrees: int) -> float:
         """Return the largest p whose interval still holds zero, at least `min_p`."""
-        p_values = (*np.geomspace(self.min_p, 0.999, 200).tolist(), 1 - self.level)
+        p_values = _p_values(self.min_p, 1 - self.level)
         low, high = mean + _ends(off, degrees, p_values)
         return float(max(np.array(p_values)[(low <= 0) & (high >= 0)], default=self.min_p))
+
+
+@functools.cache
+def _p_values(min_p: float, miss: float) -> tuple[float, ...]:
+    return (*np.geomspace(min_p, 0.999, 200).tolist(), miss)
 
 
 @functools.lru_cache(maxsize=16)
@@ -250,4 +255,21 @@ def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArra
 def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Return upper quantiles [K], and the ratios of Student's t to the normal distribution."""
     tails = 1 - np.array(misses) / 2
-    return tails, special.stdtrit(degrees, tails) / special.ndtri(tails)
+    return tails, student_quantiles(degrees, tails) / _normal_quantiles(tails)
+
+
+def student_quantiles(degrees: int, tails: FloatArray) -> FloatArray:
+    """Return the quantiles [K] of Student's t at fractions [K] above 1/2.
+
+    It is sqrt(degrees) tan(angle), where the density of the angle is cos(angle)^(degrees - 1).
+    Importing scipy.special would take longer than the rest of a table.
+    """
+    angles = np.linspace(0, np.pi / 2, 20001)
+    middles = (angles[1:] + angles[:-1]) / 2
+    mass = np.concatenate([[0.0], np.cumsum(np.cos(middles) ** (degrees - 1))])
+    angle = np.interp(2 * tails - 1, mass / mass[-1], angles)
+    return np.asarray(np.sqrt(degrees) * np.tan(angle))
+
+
+def _normal_quantiles(fractions: FloatArray) -> FloatArray:
+    return np.array([statistics.NormalDist().inv_cdf(each) for each in fractions.tolist()])
