@@ -63,10 +63,14 @@ def write_matrix(path: Path, tables: dict[str, Any]) -> Path:
 
 
 def go(
-    root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any
+    root: Path,
+    tables: dict[str, Any],
+    executor: Executor | None = None,
+    selected: tuple[str, ...] = (),
+    **options: Any,
 ) -> dict[str, Method]:
     """Run a matrix; its methods by name."""
-    parsed = schema.parse("m", tables)
+    parsed = schema.parse("m", tables).select(*selected)
     return {
         method.name: method
         for method in run(

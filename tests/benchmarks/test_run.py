@@ -129,6 +129,15 @@ class TestAgain:
         assert len(log.read_text().split()) == 5
         assert rows(tmp_path, "still") == before
 
+    def test_selected_methods_join_those_of_earlier_runs(self, tmp_path: Path) -> None:
+        tables = content(predictors={"still": "toy-still", "noise": "toy-noise"})
+        assert [*go(tmp_path, tables, selected=("noise",))] == ["noise"]
+        methods = go(tmp_path, tables, selected=("still",))
+        assert {name: method.status for name, method in methods.items()} == {
+            "still": "done",
+            "noise": "done",
+        }
+
     def test_only_the_method_that_changed_is_computed_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(

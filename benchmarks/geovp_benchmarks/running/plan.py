@@ -52,6 +52,7 @@ class Plan:
         # "" if the settings determine the frames
         split_hash = str(getattr(built.dataset, "split_hash", ""))
         numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
+        fingerprint = content_hash({"dataset": frames, "split": split_hash, "numbers": numbers})
         shared = {"name", "num_past", "num_future", "size_px", "stride"}
         protocol = {
             **matrix.model_dump(include=shared),
@@ -59,15 +60,23 @@ class Plan:
             "dataset_name": built.dataset.name,
             "split_hash": split_hash,
             "metrics": built.metrics.about,
-            "methods": [method.name for method in built.methods],
+            "methods": self._methods(fingerprint),
             "clips": list(self.clips),
             "kept": asdict(self.selection) if self.selection.by else None,
-            "fingerprint": content_hash(
-                {"dataset": frames, "split": split_hash, "numbers": numbers}
-            ),
+            "fingerprint": fingerprint,
             "versions": versions(),
         }
         return {**protocol, "id": protocol_id(protocol)}
+
+    def _methods(self, fingerprint: str) -> list[str]:
+        """Return the names of the methods, with those of earlier runs with other --methods."""
+        names = {method.name for method in self.built.methods}
+        if self.results.begun:
+            stored = self.results.protocol()
+            if stored.get("fingerprint") == fingerprint:
+                names.update(stored["methods"])
+        every_method = self.built.matrix.select().methods
+        return [method.name for method in every_method if method.name in names]
 
     @property
     def fingerprint(self) -> str:
