@@ -14,7 +14,7 @@ FOLDER_OF = {
 }
 # Subpackages of one layer do not import each other; `geovp_classic/__init__.py` imports lazily.
 CLASSIC_LAYERS = [
-    {"errors"},
+    {"errors", "version"},
     {"types"},
     {"geometry", "parallel", "files", "colmap_library"},
     {"interfaces", "observation"},

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import geovp
-from geovp_classic.errors import BadData, Incompatible, UnknownComponent
+from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.pose_sources.stand_still import StandStill
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +38,7 @@ def test_public_names_exist() -> None:
         assert getattr(geovp, name) is not None
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert geovp.__version__ == project["version"]
-    with pytest.raises(AttributeError, match="no attribute 'Clipp'"):
+    with pytest.raises(AttributeError, match="Clipp"):
         geovp.Clipp  # noqa: B018
 
 
@@ -57,10 +57,6 @@ class TestOpenClip:
         (sequence / "times.txt").write_text("".join(f"{0.1 * step}\n" for step in range(31)))
         opened = geovp.open_clip(str(tmp_path))
         assert (opened.name, len(opened), opened.trajectory) == ("04/000000", 30, None)
-
-    def test_a_drive_of_kitti_raw(self, tmp_path: Path, write_kitti_raw) -> None:  # noqa: ANN001
-        write_kitti_raw(tmp_path, 5, geovp.open_clip({**STREET, "num_frames": 30}))
-        assert geovp.open_clip(tmp_path).name == "2011_09_26_drive_0005/000000"
 
     def test_an_error_states_what_to_give(self, tmp_path: Path) -> None:
         with pytest.raises(BadData, match="has 8 clips: give 0 to 7"):
@@ -87,11 +83,6 @@ class TestPredict:
         context, _ = clip.split(10, needs)
         motion = geovp.predict(context).motion
         assert motion.past.is_metric == (needs is CAMERA_HEIGHT)
-
-    def test_a_missing_privileged_input_is_named(self, clip: geovp.Clip) -> None:
-        context, _ = clip.split(6, geovp.PrivilegedInput.NONE)
-        with pytest.raises(Incompatible, match="needs recorded past poses"):
-            geovp.predict(context, "ground-truth")
 
 
 class TestEvaluate:

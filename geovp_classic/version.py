@@ -1,0 +1,5 @@
+"""Version of the installed distribution."""
+
+from importlib import metadata
+
+__version__ = metadata.version("geovp")
