@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import geovp
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
     Clip,
@@ -155,11 +154,3 @@ def test_outputs_have_the_expected_shapes_and_types() -> None:
         Prediction(frames[None], covered)
     with pytest.raises(BadData, match="confidence"):
         Prediction(frames[None], confidence=np.ones(len(frames)))
-
-
-def test_reprs_show_shapes() -> None:
-    assert repr(trajectory(6)) == (
-        "Trajectory(world_from_cam=[6, 4, 4], times_s=[6], is_metric=True)"
-    )
-    frames = np.zeros((1, 2, 64, 64, 3), np.uint8)
-    assert repr(geovp.Prediction(frames)) == "Prediction(frames=[1, 2, 64, 64, 3])"

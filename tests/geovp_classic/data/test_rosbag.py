@@ -2,8 +2,6 @@
 
 import os
 import pickle
-import resource
-import time
 from pathlib import Path
 from typing import Any
 
@@ -224,22 +222,16 @@ def test_commands_read_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_bag_of_real_frames(tmp_path: Path) -> None:
-    """A hundred frames of KITTI, of which each is read when a clip needs it."""
+    """Twenty frames of KITTI, of which each is read when a clip needs it."""
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None:
         pytest.skip("GEOVP_TEST_DATA is not set: the folder with KITTI odometry in kitti/")
-    settings = {"num_frames": 100, "stride": 100, "sequences": ("03",), "fit": "stretch"}
-    clip = Kitti(Path(root) / "kitti", **settings, size_px=(1242, 376))[0]
+    clip = Kitti(
+        f"{root}/kitti", num_frames=20, size_px=(1242, 376), sequences=("03",), fit="stretch"
+    )[0]
     path = bag_files.write(tmp_path, "03.bag", clip)
-    started_s = time.perf_counter()
-    data = RosBag(
-        path, **{**settings, "num_frames": 50, "stride": 50, "sequences": None}, size_px=(1242, 376)
-    )
-    opened_s = time.perf_counter()
-    np.testing.assert_array_equal(data[1].frames, clip.frames[50:])
-    read_s = time.perf_counter()
-    print(f"opened in {opened_s - started_s:.2f} s, 50 frames read in {read_s - opened_s:.2f} s")
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "MiB")
+    data = RosBag(path, num_frames=10, stride=10, size_px=(1242, 376), fit="stretch")
+    np.testing.assert_array_equal(data[1].frames, clip.frames[10:])
     np.testing.assert_allclose(
-        data[0].trajectory.world_from_cam, clip.trajectory.world_from_cam[:50], atol=1e-5
+        data[0].trajectory.world_from_cam, clip.trajectory.world_from_cam[:10], atol=1e-5
     )

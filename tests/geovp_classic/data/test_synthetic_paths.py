@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES, plan
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends, world_from_vehicle
-from geovp_classic.data.synthetic.textures import Texture
 
 TIMES_S = np.arange(60) * 0.1
 
@@ -52,11 +51,6 @@ def test_distances_from_the_kerb_are_signed_and_corners_are_rounded() -> None:
     places = np.array([50j, 4.6 + 30j, -7.6 + 50j, on_arc_m * (1 + 1j), 4.6 + 4.6j])
     expected_m = [-4.6, 0.0, 3.0, 0.0, -6.0 * (2**0.5 - 1)]
     np.testing.assert_allclose(roads.distance_m(places), expected_m, atol=1e-6)
-    # The junction reaches 4.6 + 6.5 m, the zebra crossing 3 m further, and the pavement is 2.2 m.
-    places = np.array([11j, 14j, 14.2j, 4.7 + 50j, 6.0 + 50j, 7.0 + 50j])
-    texture, _, _ = roads.surface(places)
-    names = ["ASPHALT", "ZEBRA", "ROAD", "KERB", "PAVEMENT", "GRASS"]
-    assert [Texture(number).name for number in texture] == names
 
 
 def test_distances_are_integrals_of_the_speed() -> None:

@@ -62,11 +62,6 @@ def test_other_notations_of_a_range_are_refused() -> None:
             FrameRange.parse(text)
 
 
-def test_a_range_that_is_too_short_is_refused() -> None:
-    with pytest.raises(BadData, match=r"03\[180:209\) has 29 frames .* one clip needs 30"):
-        windows.pieces(FrameRange("03", 180, 209), (), 30)
-
-
 @given(st.integers(0, 50), st.integers(0, 40), st.integers(2, 20), st.integers(1, 9))
 def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride: int) -> None:
     last = first + num_frames + extra

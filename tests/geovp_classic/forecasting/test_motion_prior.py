@@ -68,12 +68,6 @@ def test_identical_poses_are_held_exactly() -> None:
     )  # samples may start moving
 
 
-def test_a_stationary_camera_stays() -> None:
-    past = drive(0.0, 0.0, 10)
-    states = states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0]
-    assert np.abs(states[:, :2]).max() < 0.3
-
-
 def test_a_single_pose_is_held_and_has_no_distribution() -> None:
     past = drive(5.0, 0.0, 1)
     futures = MotionPrior().forecast(past, np.array([1.0]), num_samples=3)

@@ -62,12 +62,6 @@ def test_resizing_keeps_edges_on_edges(
     np.testing.assert_allclose(after, (before + 0.5) * scale - 0.5, rtol=1e-9, atol=1e-6)
 
 
-@given(cameras(), sizes, sizes)
-def test_resizing_there_and_back(camera: Intrinsics, width_px: int, height_px: int) -> None:
-    back = camera.resized(width_px, height_px).resized(camera.width_px, camera.height_px)
-    np.testing.assert_allclose(back.matrix, camera.matrix, rtol=1e-9, atol=1e-7)
-
-
 def test_points_behind_have_no_pixel() -> None:
     camera = Intrinsics(100, 100, 50, 50, 101, 101)
     pixels, depth = pinhole.project(np.array([[0.0, 0, -1], [1, 1, 0], [0, 0, 2]]), camera)

@@ -68,15 +68,6 @@ def test_a_third_of_outliers_is_rejected() -> None:
     assert found.inliers[:100].mean() < 0.2
 
 
-def test_a_stationary_camera_behind_traffic() -> None:
-    a, b = observations(np.eye(4), NOISE)
-    b[:60] += 0.05  # a fifth of the points drives by
-    found = ESTIMATOR.estimate(a, b, NOISE)
-    assert found is not None
-    np.testing.assert_array_equal(found.b_from_a, np.eye(4))
-    assert not found.inliers[:60].any()
-
-
 @given(st.floats(0.005, 0.2), st.sampled_from([0, 1, 2]))
 def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
     b_from_a = se3.exp(np.concatenate([np.zeros(3), angle_rad * np.eye(3)[axis]]))
@@ -87,21 +78,9 @@ def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
     assert found.parallax < 3 * NOISE
 
 
-def test_too_few_or_random_points_have_an_unknown_motion() -> None:
-    a, b = observations(se3.exp(np.array([0, 0, -1.0, 0, 0, 0])))
-    assert ESTIMATOR.estimate(a[:7], b[:7], NOISE) is None
-    rng = np.random.default_rng(0)
-    a, b = rng.uniform(-0.5, 0.5, (2, 200, 2))
+def test_random_points_have_an_unknown_motion() -> None:
+    a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 200, 2))
     assert ESTIMATOR.estimate(a, b, NOISE) is None
-
-
-def test_refinement_converges_from_nearby() -> None:
-    truth = se3.exp(np.array([0, 0, -1.0, 0, 0.02, 0]))
-    truth[:3, 3] /= np.linalg.norm(truth[:3, 3])
-    near = se3.exp(np.array([0.05, -0.03, 0, 0.004, -0.003, 0.002])) @ truth
-    near[:3, 3] /= np.linalg.norm(near[:3, 3])
-    found = two_view.refine(*observations(truth), near, NOISE, num_rounds=20)
-    np.testing.assert_allclose(found, truth, atol=1e-6)
 
 
 def unit_baseline(b_from_a: FloatArray) -> FloatArray:
@@ -196,8 +175,7 @@ def test_parallax_of_a_general_motion_is_the_median_shift_without_the_rotation()
     assert found.parallax == pytest.approx(np.median(shift), rel=0.01)
 
 
-@pytest.mark.parametrize(("count", "known"), [(7, False), (8, True)])
-def test_eight_points_are_enough(count: int, known: bool) -> None:
+def test_eight_points_are_enough_and_seven_are_not() -> None:
     a, b = observations(np.eye(4), NOISE)
-    found = ESTIMATOR.estimate(a[:count], b[:count], NOISE)
-    assert (found is not None) == known
+    assert ESTIMATOR.estimate(a[:8], b[:8], NOISE) is not None
+    assert ESTIMATOR.estimate(a[:7], b[:7], NOISE) is None

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
@@ -105,10 +104,6 @@ class TestAllInpainters:
             part = slice(k, k + 1)
             alone = Views(views.frames[part], views.covered[part], views.depths[part])
             np.testing.assert_array_equal(inpaint(inpainter, alone)[0], together[k])
-
-    def test_the_registry_rebuilds_it(self, inpainter: Inpainter) -> None:
-        assert isinstance(inpainter, Inpainter)
-        assert registry.build("inpainters", registry.describe(inpainter)) == inpainter
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.5])

@@ -16,7 +16,6 @@ from geovp_classic.observation.scene_mask import SceneMasking, scene_window
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
-from geovp_classic.renderers.ground_far_plane import GroundFarPlane
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -192,18 +191,6 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
     scene = predictor.reconstruct(predictor.observe(context), context.past)
     other = context.intrinsics.resized(50, 40)  # shows the scene alone
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
-
-
-def test_a_hood_costs_the_plane_nothing_above_it(clip: Clip) -> None:
-    mask = arched(SIDE, SIDE)
-    always = Hindcast(max_error_ratio=np.inf)  # the plane is hardly better than copies here
-    predictor = GeometricPredictor(GroundTruth(), GroundFarPlane(), hindcast=always)
-    context, _ = clip.split(10, predictor.needs)
-    obscured = replace(context, frames=painted(context.frames, mask))
-    free, behind = (predictor.predict(one).frames[0].astype(float) for one in (context, obscured))
-    open_road = np.arange(SIDE) < SIDE * 0.7
-    assert np.abs(free - behind)[:, open_road].mean() < 1
-    np.testing.assert_array_equal(behind[:, -4:], np.tile(obscured.frames[-1, -4:], (2, 1, 1, 1)))
 
 
 def test_a_hood_that_only_uncropped_frames_show_is_hidden_with_these_alone(clip: Clip) -> None:

@@ -53,11 +53,6 @@ def test_pixels_are_finer_than_the_square_s_where_there_are_such(
     np.testing.assert_allclose(edge, first, atol=1e-9)
 
 
-def test_the_square_lies_in_the_middle_of_the_uncropped_image() -> None:
-    context = noise_context(80)
-    np.testing.assert_array_equal(uncropped(context).frames[:, :, 60:140], context.frames)
-
-
 def test_what_cannot_be_done_is_refused() -> None:
     context = noise_context()
     with pytest.raises(Incompatible, match="the clip has none"):

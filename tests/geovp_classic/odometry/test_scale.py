@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_classic import interfaces, registry
+from geovp_classic import interfaces
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
 from geovp_classic.odometry.speed_prior import SpeedPrior
 from geovp_classic.odometry.unit_scale import UnitSpeed
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput, Trajectory
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
@@ -48,25 +48,14 @@ def test_any_unit_is_estimated(
 
 
 def test_pitch_and_roll_are_estimated(drive: Film, camera: Intrinsics) -> None:
-    level, poses = drive(np.tile([0, 0, 0.5, 0, 0, 0], (9, 1)))
     tilt = np.radians(1.5)  # looking up
-    tilted_from_cam = se3.exp(np.array([0, 0, 0, tilt, 0, 0]))
-    world_from_tilted = poses @ tilted_from_cam
-    frames, world_from_seen = drive_from(drive, world_from_tilted)
+    ahead = [0, 0.5 * np.sin(tilt), 0.5 * np.cos(tilt), 0, 0, 0]
+    frames, poses = drive(np.array([[0, 0, 0, tilt, 0, 0], *[ahead] * 9]))
     estimator = estimator_of(camera)
-    show(estimator, frames, world_from_seen)
+    show(estimator, frames[1:], poses[1:])
     assert estimator.unit == pytest.approx(1.0, rel=0.03)
     assert np.degrees(estimator.pitch_rad) == pytest.approx(1.5, abs=0.5)
     assert np.degrees(estimator.roll_rad) == pytest.approx(0, abs=0.5)
-    assert len(level) == len(frames)
-
-
-def drive_from(drive: Film, world_from_cam: FloatArray) -> tuple[ByteArray, FloatArray]:
-    """Return images along given poses."""
-    start = se3.log(world_from_cam[0])
-    steps = se3.log(se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])
-    frames, poses = drive(np.concatenate([start[None], steps]))
-    return frames[1:], poses[1:]
 
 
 def test_a_restart_changes_the_unit_but_not_the_tilt(
@@ -123,13 +112,6 @@ def test_inputs_and_units_of_the_scales(camera: Intrinsics) -> None:
         GroundPlane().estimator(camera, None)
 
 
-def test_scales_are_registered() -> None:
-    for name in ("ground-plane", "unit-speed"):
-        scale = registry.build("scales", {"name": name})
-        assert isinstance(scale, interfaces.Scale)
-        assert registry.build("scales", registry.describe(scale)) == scale
-
-
 def test_without_a_road_the_prior_is_assumed(
     straight: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
@@ -149,13 +131,6 @@ def test_without_a_prior_or_a_path_the_unit_is_unknown(camera: Intrinsics) -> No
         estimator = GroundPlane(prior=prior).estimator(camera, 1.65)
         estimator.finalize(length, duration_s=0.9)
         assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
-
-
-def line(speed_m_s: float, num_poses: int = 60) -> Trajectory:
-    times_s = 0.1 * np.arange(num_poses)
-    return Trajectory(
-        se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, 0, 0])), times_s, True
-    )
 
 
 @pytest.mark.parametrize("wrong", [{"median_m_s": 0.0}, {"spread": 0.1}, {"spread": np.nan}])

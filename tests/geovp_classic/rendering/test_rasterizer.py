@@ -112,15 +112,6 @@ def test_the_sky_is_behind_everything_and_too_near_patches_are_left_out() -> Non
     assert winner[1, 15, 19] == 0  # the other patch, at 2 m, is 0.1 mm in front of the camera
 
 
-def test_the_sky_does_not_come_nearer() -> None:
-    sky = np.zeros((10, 12))
-    cloud = MODEL.from_depth_map(sky, np.ones(sky.shape, bool), 0)
-    ahead = se3.compose(np.eye(3), np.array([0.0, 0, 50]))
-    rendered, winner = MODEL.rasterise(cloud, [SOURCE], ahead[None], SOURCE_CAMERA)
-    np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
-    assert (rendered == 0).all()
-
-
 def test_coarse_views_show_the_same_with_fewer_patches() -> None:
     camera = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
     source = Source(np.zeros((80, 100, 3), np.uint8), camera, np.eye(4))
