@@ -12,7 +12,6 @@ import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.results.store import Results
-from geovp_classic import registry
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix
 
@@ -152,11 +151,6 @@ def python(code: str, **more: Any) -> str:
 
 
 class TestList:
-    def test_every_role_and_name_is_there(self, printed: Says) -> None:
-        lines = printed("list").splitlines()
-        assert [line for line in lines if not line.startswith(" ")] == list(registry.ROLES)
-        assert any(line.startswith("  copy-last: ") for line in lines)
-
     def test_a_plug_in_and_what_it_lacks_are_there_and_nothing_is_imported_for_it(
         self, toys: Path
     ) -> None:
@@ -171,11 +165,6 @@ class TestList:
 
 
 class TestCheck:
-    def test_a_sound_component_is_0(self, printed: Says) -> None:
-        text = printed("check", "predictors", "copy-last")
-        assert "passed  has the methods of its interface" in text
-        assert re.search(r"copy-last: ([0-9]+) of \1 checks passed", text)
-
     def test_a_broken_one_is_1_and_settings_are_written_as_in_toml(
         self, toys: Path, command: Command
     ) -> None:

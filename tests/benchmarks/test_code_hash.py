@@ -57,7 +57,7 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
 @pytest.mark.usefixtures("toys")
 class TestRuns:
-    def test_rows_of_other_code_are_kept_and_told(
+    def test_rows_of_other_code_are_kept_and_told_and_fresh_computes_just_those(
         self, tmp_path: Path, edit: Callable[[str], None]
     ) -> None:
         edit("before")
@@ -70,14 +70,6 @@ class TestRuns:
             note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
         ]
         assert note == "still: computed by another version of the code, or partly."
-
-    def test_fresh_computes_just_those_anew(
-        self, tmp_path: Path, edit: Callable[[str], None]
-    ) -> None:
-        edit("before")
-        go(tmp_path, limit=2)
-        edit("after")
-        go(tmp_path)
         method, done = go(tmp_path, fresh=True)
         assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
         _, done = go(tmp_path, fresh=True)

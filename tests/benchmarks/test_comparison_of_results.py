@@ -91,7 +91,9 @@ def edited(path: Path, **changes: Any) -> None:
     path.write_bytes(files.json_bytes({**json.loads(path.read_text()), **changes}))
 
 
-def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Explained) -> None:
+def test_definitions_versions_weights_code_and_failures_are_told(
+    tmp_path: Path, explained: Explained
+) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     shared = Results(b).protocol()
     shared["metrics"]["toy-difference"]["definition"] = "of squares"
@@ -101,6 +103,11 @@ def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Ex
         versions={**shared["versions"], "numpy": "0.9"},
     )
     edited(b / "still/method.json", about=["svg weights x"])
+    results = Results(b)
+    for record in results.score_records("still"):
+        rows = results.scores("still")
+        why = dict.fromkeys(record.clips[::2], Failure("failed", "no light"))
+        results.write_scores([(rows, replace(record, failures=why, code="c0de"))])
     lines = explained(a, b)
     assert any(
         line.endswith('in A, "of squares" in B.')
@@ -110,18 +117,6 @@ def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Ex
     numpy = Results(a).protocol()["versions"]["numpy"]
     assert f'versions.numpy: "{numpy}" in A, "0.9" in B.' in lines
     assert 'weights: [] in A, ["svg weights x"] in B.' in lines
-
-
-def test_clips_that_one_row_could_not_predict_and_other_code(
-    tmp_path: Path, explained: Explained
-) -> None:
-    a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
-    results = Results(b)
-    for record in results.score_records("still"):
-        rows = results.scores("still")
-        why = dict.fromkeys(record.clips[::2], Failure("failed", "no light"))
-        results.write_scores([(rows, replace(record, failures=why, code="c0de"))])
-    lines = explained(a, b)
     failures = [line for line in lines if line.startswith("failures, scored as copies")]
     assert [line.partition(".")[2] for line in failures] == [
         f'road/{number}: null in A, "no light" in B.' for number in ("000", "002", "004")

@@ -36,13 +36,6 @@ def test_what_cannot_be_told_from_the_best_is_bold_and_what_always_loses_a_littl
     assert bold(first, equal, row("worse", SCENES - 0.5 + OWN[2])) == {"first", "equal"}
 
 
-def test_lower_is_better_where_it_is() -> None:
-    column = Column("psnr", "LPIPS", higher_is_better=False, decimals=3)
-    assert {
-        name for name, _ in best([row("a", SCENES), row("b", SCENES - 1)], [column], CLIPS)
-    } == {"b"}
-
-
 def test_rows_with_other_grants_or_chosen_by_the_truth_do_not_compete() -> None:
     seer, seers_twin = row("seer", SCENES + 5, "pf"), row("twin", SCENES + 4, "pf")
     lucky = row("best of 10", SCENES + 2, by_truth=True)

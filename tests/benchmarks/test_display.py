@@ -2,7 +2,6 @@
 
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -17,7 +16,7 @@ from geovp_benchmarks.display.commands import Driver, PlannedCommands
 from geovp_benchmarks.display.session import Session, Shown
 from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.predict.request import PredictionRequest
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.streaming import Command
 from geovp_classic.types import ByteArray, FloatArray
 from tests.benchmarks.conftest import Says
@@ -65,11 +64,6 @@ class TestChannel:
                 order.append(sent.number)
         assert order != sorted(order)
         assert len(order) == len(set(order)) > 30
-
-    @pytest.mark.parametrize("settings", [{"loss": 1.5}, {"latency_s": -1}, {"jitter_s": 99}])
-    def test_impossible_settings_are_refused(self, settings: dict[str, float]) -> None:
-        with pytest.raises(BadData, match="expected"):
-            Channel(**settings)  # type: ignore[arg-type]
 
 
 class TestCommands:
@@ -134,14 +128,6 @@ class TestDrawing:
         assert (dimmed[:10] == 40).all()
         assert (dimmed[10:] == 100).all()
 
-    @pytest.mark.parametrize("size_px", [(80, 60), (640, 200)])
-    def test_a_warning_is_red_and_readable(self, size_px: tuple[int, int]) -> None:
-        frame = np.zeros((*size_px[::-1], 3), np.uint8)
-        drawn = drawing.draw_warning(frame, "the scene does not explain the earlier frames")
-        assert (drawn[0, 0] == drawing.WARNING_RGB).all()
-        assert (drawn == 255).any()
-        assert not frame.any()
-
 
 class TestSession:
     def test_the_present_is_predicted_better_than_the_late_image(self) -> None:
@@ -192,12 +178,6 @@ class TestSession:
         ].panels.values()
         is_clear = (predicted == late).all(axis=-1)
         assert is_clear.mean() > 0.5 > (true == late).all(axis=-1).mean()
-
-    def test_commands_need_the_cameras_height(self) -> None:
-        source = street_source(CLIP.frames)
-        source = replace(source, recording=replace(source.recording, camera_height_m=None))
-        with pytest.raises(Incompatible, match="--camera-height"):
-            Session(source, Channel(), Driver())
 
     def test_a_replay_keeps_to_the_clock_and_starts_again(self) -> None:
         session = Session(street_source(CLIP.frames[:5]), Channel(0.1), Driver())
@@ -286,6 +266,7 @@ def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:
         ("--fps 10 --fov 70 --drive", "--camera-height"),
         ("--fps 10 --fov 70 --sequence 03", "remove --sequence"),
         ("--fps 10 --fov 70 --loss 2", "probability"),
+        ("--fps 10 --fov 70 --jitter 99", "expected 0 to 10 s"),
         ("--fov 70", "give --fps"),
     ],
 )

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from skimage.metrics import structural_similarity
 
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.pose_sources.chained import Chained
@@ -68,11 +67,6 @@ def test_both_renderers_draw_the_same_street() -> None:
 
 
 def test_metrics_are_compared_with_those_of_scikit_image() -> None:
-    a, b = np.random.default_rng(0).integers(0, 256, (2, 40, 40, 3), dtype=np.uint8)
-    expected = structural_similarity(
-        a, b, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
-    )
-    assert scoring.skimage_ssim(a, b) == pytest.approx(expected)
     for comparison in scoring.comparisons(size_px=32):
         ours, rival = comparison.ours(), comparison.rival()
         np.testing.assert_allclose(ours, rival, rtol=0.02)  # type: ignore[arg-type]

@@ -75,13 +75,6 @@ def geovp(installed: Path, toys: Path, *arguments: str) -> subprocess.CompletedP
     )
 
 
-def test_it_is_listed_with_its_package(installed: Path, toys: Path) -> None:
-    done = geovp(installed, toys, "list", "predictors")
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert any(line.startswith("  grey [far-away-methods]") for line in lines)
-
-
 def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> None:
     path = write_matrix(
         tmp_path / "m.toml",

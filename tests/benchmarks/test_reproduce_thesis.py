@@ -11,7 +11,7 @@ from geovp_benchmarks import cli, plots
 from geovp_benchmarks.results.store import Results
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.data.synthetic import Synthetic
-from tests.benchmarks.conftest import Says, write_kitti
+from tests.benchmarks.conftest import write_kitti
 
 pytest.importorskip(
     "torch", reason="torch is not installed: the thesis's rows need the extra 'learned'"
@@ -34,29 +34,17 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def words(root: Path, out: Path, *more: str) -> list[str]:
-    form = [
-        "--root",
-        str(root),
-        "--set",
-        "protocol.dataset.split=thesis-like-test",
-        "--samples",
-        "2",
-        "--out",
-        str(out),
-    ]
-    return ["reproduce", "thesis", *form, *more]
-
-
 @pytest.fixture(scope="module")
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     out = tmp_path_factory.mktemp("out")
+    words = ["reproduce", "thesis", "--root", str(root), "--out", str(out), "--limit", "2"]
+    words += ["--set", "protocol.dataset.split=thesis-like-test", "--samples", "2"]
     with (
         pytest.MonkeyPatch.context() as patch
     ):  # their names and places are tested here, what is in them elsewhere
         patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)  # published networks take long
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
-        return cli.main(words(root, out, "--limit", "2", "--methods", *ROWS)), Results(out)
+        return cli.main([*words, "--methods", *ROWS]), Results(out)
 
 
 def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
@@ -89,16 +77,3 @@ def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
     assert "**13.504** ± 0.070" in published
     tex = (results.tables / "thesis-published.tex").read_text()
     assert r"SRVP - 100 Samples & - & \textbf{13.504} $\pm$ 0.070" in tex
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_failures_are_the_clips_of_the_worst_score(
-    root: Path, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)  # takes long
-    printed(*words(root, tmp_path, "--methods", "copy-last", "--keep", "worst:psnr"))
-    results = Results(tmp_path)
-    clips = results.protocol()["clips"]
-    worst = clips[results.means("copy-last")["psnr"][:, 0].argmin()]
-    assert results.protocol()["kept"]["clips"][0] == worst
-    assert len(list(results.plots.glob("strip-*.png"))) == 2  # of the worst three there are but two

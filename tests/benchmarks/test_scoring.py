@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.results.stored_facts import title
+from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
@@ -251,3 +252,16 @@ def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) ->
         match=f"{futures} predicted futures for 3 samples, expected one each or one for all",
     ):
         score(ScoredClip(drive(), PAST), halves(3, [0.0] * futures), METRICS)
+
+
+def test_many_samples_are_scored_in_little_more_memory_than_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What metrics freed is returned to the system now and then, not kept in pieces between the
+    scores.
+    """
+    metric, released = Brightness(), []
+    monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(len(metric.asked)))
+    score(ScoredClip(drive(), PAST), halves(12), Metrics({"grey": metric}, {}))
+    asked = len(metric.asked) // 12  # of each sample
+    assert released == [4 * asked, 9 * asked]

@@ -82,10 +82,3 @@ def test_expected_best_is_the_mean_over_all_sets() -> None:
         sets = [list(chosen) for chosen in itertools.combinations(range(7), k)]
         wanted = np.mean([scores[:, chosen].max(axis=1) for chosen in sets], axis=0)
         np.testing.assert_allclose(statistics.expected_best(values, True)[:, k - 1], wanted)
-
-
-def test_samples_and_steps_that_no_row_names_are_undefined() -> None:
-    values = rows({("b", 1, 3): 5.0, ("a", 0, 1): 1.0})
-    expected = np.full((2, 2, 3), NAN)
-    expected[0, 1, 2], expected[1, 0, 0] = 5.0, 1.0
-    np.testing.assert_array_equal(values, expected)

@@ -13,7 +13,6 @@ from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
-from geovp_benchmarks.tables import tables
 from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
@@ -125,19 +124,6 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
         "moving below 0.01": {"a"},
         "moving 0.01 or more": {"b", "c"},
     }
-
-
-def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
-    straight, turning, unknown = (
-        tables.build(subset)[0] for subset in strata.divide(results, "turning")
-    )
-    assert straight.title == "demo, yaw_deg below 5 (n = 2): whole frames and poses"
-    # clips a and c have 9.5 and 11.5 dB over their two steps, b and d 10.5 and 12.5, e 13.5
-    means = [table.methods[0].scores["psnr"].mean for table in (straight, turning, unknown)]
-    assert means == [10.5, 11.5, 13.5]
-    assert [table.methods[0].num_clips for table in (straight, turning, unknown)] == [2, 2, 1]
-    assert straight.methods[1].num_clips == 1
-    assert any(note == "half: partial, 1 of 2 clips: run again." for note in straight.notes)
 
 
 def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Results) -> None:

@@ -56,12 +56,6 @@ def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
     assert len(tables.build(results.select(ODD))[0].methods) == 3
 
 
-def test_six_clips_are_too_few_for_bold_values(results: Results) -> None:
-    table = tables.build(results)[0]
-    assert not table.best
-    assert any("fewer than eight effective clips" in note for note in table.notes)
-
-
 def test_differences_of_chosen_rows(results: Results) -> None:
     table = tables.against(results.select("plain"), "oracle", metrics=("psnr",))
     assert [row.label for row in table.methods] == ["plain"]

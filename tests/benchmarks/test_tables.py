@@ -192,6 +192,8 @@ def sampled(tmp_path: Path) -> Results:
 def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(
     sampled: Results,
 ) -> None:
+    chosen = [row.is_oracle_selected for row in tables.build(sampled)[0].methods]
+    assert chosen == [False, True, True, False]
     text = lines(sampled)
     assert row_of(text, "chance, mean of 3")[2:] == ["11.33 ± 0.00", "unavailable", "2.667 ± 0.000"]
     assert row_of(text, "chance, best of 3  ")[2:] == [

@@ -112,17 +112,3 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
     ]
     refined = ["refined"] * 4  # the rows of fusion without any true pose
     assert sources[:7] == ["deepvo", "planar", "ground-truth", *refined]
-    crossed = {
-        f"{poses}+{renderer}"
-        for poses in ("gt-3d", "gt-3d-registered")
-        for renderer in ("fusion", "ground-far-plane")
-    }
-    assert crossed | {"gt-3d-registered+synsin-small", "gt-2d-refined+synsin-small"} <= set(
-        own.predictors
-    )
-    drawn = [
-        own.predictors[f"vo+{forecast}+fusion-10"].num_samples
-        for forecast in ("ctrv", "prior", "representative")
-    ]
-    assert drawn == [10, 10, 10]
-    assert "copy-last" in own.predictors

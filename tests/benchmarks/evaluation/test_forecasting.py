@@ -20,7 +20,7 @@ from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import BodyForecast
-from geovp_classic.forecasting.constant import ConstantTurn, Hold
+from geovp_classic.forecasting.constant import Hold
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.planar_forecaster import PlanarForecast
 from geovp_classic.forecasting.representative import Representative
@@ -67,14 +67,6 @@ def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
     assert scores["FDE m"] == pytest.approx(chord_m)
     assert scores["yaw deg @20"] == pytest.approx(np.degrees(0.2))
     assert not [name for name in scores if " in " in name or "best of" in name]
-
-
-def test_a_constant_turn_forecasts_a_circle(folder: Path) -> None:
-    windows = read_windows(folder, ["03"])
-    scores = forecasting.evaluate(windows, ConstantTurn(), no_progress)
-    assert scores["FDE m"].shape == (7,)
-    assert scores["FDE m"].max() < 1e-6
-    assert scores["yaw deg @20"].max() < 1e-6
 
 
 def test_the_best_of_more_futures_is_no_worse() -> None:

@@ -109,14 +109,6 @@ def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printe
     np.testing.assert_allclose(stamped.times_s[0], 0.2, atol=1e-6)
 
 
-def test_without_a_scale_no_metres_are_printed(street: Path, tmp_path: Path, printed: Says) -> None:
-    odometry = '{name = "monocular", scale = "unit-speed"}'
-    text = printed("poses", street, "07", "--odometry", odometry, "--out", tmp_path)
-    errors = by_alignment(text.splitlines())
-    assert errors["origin"] == ["-"] * 5
-    assert errors["sim3"][2].replace(".", "").isdigit()
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

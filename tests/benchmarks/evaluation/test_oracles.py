@@ -77,13 +77,6 @@ def test_an_angle_turns_the_camera_in_place(
     np.testing.assert_array_equal(mixed[:, :3, 3], FORECAST[:, :3, 3])
 
 
-def test_three_stages_are_the_rotation_and_three_the_position() -> None:
-    turned = mixed_poses(FORECAST, REAL, frozenset({"yaw", "pitch", "roll"}))
-    np.testing.assert_allclose(turned, se3.compose(REAL[:, :3, :3], FORECAST[:, :3, 3]), atol=1e-12)
-    moved = mixed_poses(FORECAST, REAL, frozenset({"across", "height", "along"}))
-    np.testing.assert_allclose(moved, se3.compose(FORECAST[:, :3, :3], REAL[:, :3, 3]), atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("stage", "step"),
     [("across", (1.2, 0, 1)), ("along", (0, 0, 1.6))],  # the truth makes 2 m along (0.6, 0.8)

@@ -28,7 +28,7 @@ class Wall:
         return np.full(size, 1 / self.depth_m), np.full(size, 0.25)
 
 
-def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> Clip:
+def _clip(step: tuple[float, float, float] = (0, 0, 1.0)) -> Clip:
     twists = np.zeros((4, 6))
     twists[:, :3] = np.arange(4)[:, None] * np.array(step)
     depths = np.full((4, 80, 100), 10.0, np.float32)
@@ -38,14 +38,9 @@ def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> 
     moving = np.zeros(depths.shape, dtype=bool)
     moving[:, 60:, 50:] = True
     times_s = 0.1 * np.arange(4)
-    fields = {
-        "depths": depths,
-        "moving": moving,
-        "trajectory": Trajectory(se3.exp(twists), times_s, True),
-    }
-    return Clip(
-        "street", np.zeros((4, 80, 100, 3), np.uint8), times_s, CAMERA, **{**fields, **changes}
-    )  # type: ignore[arg-type]
+    path = Trajectory(se3.exp(twists), times_s, True)
+    frames = np.zeros((4, 80, 100, 3), np.uint8)
+    return Clip("street", frames, times_s, CAMERA, path, depths=depths, moving=moving)
 
 
 def test_errors_of_a_wall() -> None:

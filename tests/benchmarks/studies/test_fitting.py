@@ -123,16 +123,6 @@ def test_augmented_windows_are_scaled_stationary_noisy_or_short() -> None:
     assert is_short.mean() == pytest.approx(0.25 * 8 / 9, abs=0.04)
 
 
-def test_a_network_learns_a_line_with_independent_members() -> None:
-    features = np.random.default_rng(3).standard_normal((2000, 1))
-    ensemble = Ensemble(2, 16, 600, learning_rate=1e-2, weight_decay=0.0, dropout=0.0)
-    fit = (features, 3 * features - 1, 1, lambda outputs, targets: (outputs - targets) ** 2)
-    trained = ensemble.fit(*fit)
-    outputs = trained(np.array([[0.5]]))[:, 0, 0]
-    np.testing.assert_allclose(outputs, 0.5, atol=0.1)
-    assert outputs[0] != outputs[1]
-
-
 def test_a_prior_survives_a_file(tmp_path: Path) -> None:
     roads = [windows.cut(drive(twists(160, seed))) for seed in range(2)]
     fitted = SMALL.fit(roads)

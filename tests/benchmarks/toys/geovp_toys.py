@@ -144,17 +144,6 @@ class Still:
 
 
 @dataclass(frozen=True)
-class Hoard(Still):
-    """Takes so much memory for a moment."""
-
-    megabytes: int = 1
-
-    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        np.ones(self.megabytes * 2**20, np.uint8)
-        return super().predict(context, num_samples)
-
-
-@dataclass(frozen=True)
 class Noise:
     """Random frames, the same for the same seed."""
 

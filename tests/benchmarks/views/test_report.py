@@ -7,7 +7,6 @@ import html
 import io
 import re
 import shutil
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,13 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from geovp_benchmarks import plots, report
+from geovp_benchmarks import report
 from geovp_benchmarks.plots import Options
-from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
-from tests.benchmarks.views.conftest import KEPT
 
 
 @pytest.fixture(scope="module")
@@ -154,19 +151,6 @@ class TestFilms:
         np.testing.assert_array_equal(image[..., 3] > 0, np.concatenate(~covered, axis=1))
         np.testing.assert_array_equal(image[0, 16], [214, 39, 160, 255])
 
-    def test_clips_are_listed_from_the_worst_to_the_best(
-        self, folder: Path, tmp_path: Path
-    ) -> None:
-        """PSNR is 20 + clip - step, and 1 dB more as the mean of three samples."""
-        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots"} & {*names})
-        results = Results(tmp_path / "r")
-        clip = results.clip(KEPT)
-        results.write_clip(replace(clip, name="c"))
-        results.write_prediction("gt--far", "c", results.prediction("gt--far", KEPT))
-        headline = findings.Headline.of(tables.build(results)[0], results.protocol())
-        clips = films.shown_clips(Material.read(results, Options()), headline)
-        assert [(clip.name, clip.score) for clip in clips] == [(KEPT, 17.5), ("c", 19.5)]
-
 
 def test_the_findings_are_the_numbers(folder: Path) -> None:
     """Kalman has no privileged input, and samples 0, 1, 2 have 0, 1, 2 dB more than copy-last."""
@@ -184,18 +168,6 @@ def test_the_findings_are_the_numbers(folder: Path) -> None:
     )
     assert "3 effective clips are too few" in gain
     assert "lacks scores" in headline.sentences("absent")[2]
-
-
-def test_every_figure_is_made_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[Path] = []
-    write = plots.Page.write
-    monkeypatch.setattr(
-        plots.Page, "write", lambda page, path: made.append(path) or write(page, path)
-    )
-    report.write(Results(folder), Options())
-    assert len(made) == len(set(made))
-    assert {path.suffix for path in made} == {".png", ".svg"}
-    assert {*made} == {*(folder / "plots").iterdir()}
 
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
