@@ -62,8 +62,6 @@ def test_what_half_precision_cannot_hold_is_kept_whole(tmp_path: Path) -> None:
     [
         (None, "do not exist: give a safetensors file"),
         (b"", "is not a whole safetensors file"),
-        (slice(5), "is not a whole safetensors file"),
-        (slice(200), "is not a whole safetensors file"),
         (slice(-1), "is not a whole safetensors file"),
         (
             b"\x80\x04\x95" + bytes(range(200)),

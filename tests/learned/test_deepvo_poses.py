@@ -55,17 +55,6 @@ def test_the_odometry_is_the_past_of_the_pose_source(tmp_path: Path) -> None:
     assert tracked.all()
 
 
-def test_a_sequence_frame_by_frame_is_a_clip_of_its_length(tmp_path: Path) -> None:
-    odometry, clip = DeepVoOdometry(written(tmp_path)), context()
-    whole, tracked = odometry.track_sequence(
-        iter(clip.frames), clip.times_s[:6], clip.intrinsics, None
-    )
-    np.testing.assert_allclose(
-        whole.world_from_cam, odometry.track(clip)[0].world_from_cam, atol=1e-6
-    )
-    assert tracked.tolist() == [True] * 6
-
-
 def test_another_camera_of_the_same_street_looks_alike() -> None:
     """Brought to the network's camera, half the resolution says the same."""
     whole = context()

@@ -1,39 +1,35 @@
-"""A small street at 32x32 pixels and at 16x16, and SynSin small enough to learn it in seconds."""
+"""A small street at 32x32 pixels, and SynSin small enough to learn it in seconds."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import nn
 
 from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Clip
+from geovp_learned.methods import Losses
+from geovp_learned.synsin import pairs
 from geovp_learned.synsin.network import Architecture
+from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.train import SynSinTraining, Weights
-
-
-def street_of(side_px: int) -> Clip:
-    """Ten frames of the contracts' street, with true depths."""
-    whole, size_px = street.clip(), (side_px, side_px)
-    step_px = whole.frames.shape[1] // side_px
-    return Clip(
-        name="street",
-        frames=np.stack([pinhole.resize(frame, size_px) for frame in whole.frames]),
-        times_s=whole.times_s,
-        intrinsics=whole.intrinsics.resized(*size_px),
-        trajectory=whole.trajectory,
-        depths=whole.depths[:, step_px // 2 :: step_px, step_px // 2 :: step_px],
-    )
 
 
 @pytest.fixture(scope="session")
 def clip() -> Clip:
-    return street_of(32)
-
-
-@pytest.fixture(scope="session")
-def tiny_clip() -> Clip:
-    return street_of(16)
+    """Ten frames of the contracts' street, averaged to a quarter of its size, with true depths."""
+    whole = street.clip()
+    return replace(
+        whole,
+        frames=np.stack([pinhole.resize(frame, (32, 32)) for frame in whole.frames]),
+        intrinsics=whole.intrinsics.resized(32, 32),
+        depths=whole.depths[:, 2::4, 2::4],
+        moving=None,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -60,6 +56,27 @@ def method() -> SynSinTraining:
 
 
 @pytest.fixture(scope="session")
-def adversarial(method: SynSinTraining) -> SynSinTraining:
-    """The same with a small discriminator."""
-    return replace(method, weights=replace(method.weights, adversarial=0.1), discriminator_width=8)
+def trained() -> Callable[..., Any]:
+    return _trained
+
+
+def _trained(
+    method: SynSinTraining, examples: Sequence[Example], num_steps: int
+) -> tuple[dict[str, nn.Module], list[Losses]]:
+    """The networks after some steps on all examples at once, as they are, and the losses of every
+    step.
+    """
+    torch.manual_seed(0)
+    networks = method.build()
+    optimisers = method.optimisers(networks)
+    batch = pairs.batch([pairs.frame_pairs(one, [2]) for one in examples])
+    history = []
+    for step in range(num_steps):
+        losses: Losses = {}
+        for turn, parts in method.training_step(networks, batch, step).items():
+            optimisers[turn].zero_grad()
+            parts["total"].backward()
+            optimisers[turn].step()
+            losses |= {f"{turn}.{name}": part.detach() for name, part in parts.items()}
+        history.append(losses)
+    return networks, history

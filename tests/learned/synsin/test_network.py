@@ -40,7 +40,7 @@ def test_untrained_a_camera_that_stands_still_sees_the_frame_again(
     np.testing.assert_allclose(images.frames.detach().numpy(), frames.numpy(), atol=1e-5)
 
 
-@pytest.mark.parametrize(("height", "width"), [(32, 32), (37, 50), (64, 20)])
+@pytest.mark.parametrize(("height", "width"), [(37, 50), (64, 20)])
 def test_frames_may_have_any_size(generator: Generator, height: int, width: int) -> None:
     camera = torch.tensor([[40.0, 40.0, width / 2, height / 2]])
     images, inverse_depths = generator(
@@ -69,9 +69,8 @@ def test_driving_ahead_uses_the_inverse_depth_of_the_cloud(generator: Generator)
     assert float(images.inverse_depths[0, 0, 16, 24]) == pytest.approx(0.1, rel=1e-3)
 
 
-@pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.25, 0.25)])
 def test_only_a_share_of_the_images_gradient_reaches_depth(
-    generator: Generator, clip: Clip, share: float, expected: float
+    generator: Generator, clip: Clip
 ) -> None:
     ahead = STILL.clone()
     ahead[0, 0, 2, 3] = -1.0
@@ -84,8 +83,9 @@ def test_only_a_share_of_the_images_gradient_reaches_depth(
             images.frames.square().sum(), [generator.depth_network.unet.head.weight]
         )[0]
 
-    torch.testing.assert_close(slope(share), expected * slope(1.0), rtol=1e-3, atol=1e-6)
-    assert slope(1.0).abs().max() > 0
+    whole = slope(1.0)
+    torch.testing.assert_close(slope(0.25), 0.25 * whole, rtol=1e-3, atol=1e-6)
+    assert whole.abs().max() > 0
 
 
 def test_pull_push_keeps_what_is_solid_and_fills_the_rest_from_around() -> None:
@@ -102,12 +102,3 @@ def test_depth_depends_on_the_focal_length(generator: Generator, clip: Clip) -> 
     frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
     wide, long = (generator.encode(frames, factor * camera).inverse_depths for factor in (1, 2))
     assert not torch.equal(wide, long)
-
-
-def test_noise_does_not_change_features(generator: Generator, clip: Clip) -> None:
-    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
-    one, other = (
-        generator.encode(frames, camera, factor * torch.ones(1, 4)).features for factor in (1, -1)
-    )
-    assert torch.equal(one, other)
-    assert torch.equal(one, generator.encode(frames, camera).features)

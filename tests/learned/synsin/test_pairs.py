@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip
@@ -61,17 +60,3 @@ def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
     grey = sum(bool((one.frame == one.frame[..., :1]).all()) for one in drawn)
     assert 80 <= mirrored <= 150  # grey ones look changed as well
     assert 30 <= grey <= 70
-
-
-def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip: Clip) -> None:
-    batch = pairs.batch([scene, pairs.frame_pairs(Example(clip, 0), [2, 5])])
-    assert {name: tuple(part.shape) for name, part in batch.items()} == {
-        "frames": (2, 3, 32, 32),
-        "targets": (2, 2, 3, 32, 32),
-        "cam_from_last": (2, 2, 4, 4),
-        "intrinsics": (2, 4),
-        "inverse_depths": (2, 32, 32),
-    }
-    torch.testing.assert_close(
-        batch["targets"][1, 1], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255
-    )

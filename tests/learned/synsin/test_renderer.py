@@ -1,4 +1,6 @@
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +11,12 @@ from geovp_classic.types import (
     ByteArray,
     Clip,
     FloatArray,
-    Intrinsics,
     PrivilegedInput,
     Trajectory,
     Views,
 )
 from geovp_learned import checkpoints
-from geovp_learned.synsin import pairs
+from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.renderer import SynSin
 from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.synsin.train import SynSinTraining
@@ -25,33 +26,17 @@ NUM_PAST = 6
 
 @pytest.fixture(scope="module")
 def overfitted(
-    method: SynSinTraining, clip: Clip, tmp_path_factory: pytest.TempPathFactory
+    trained: Callable[..., Any],
+    method: SynSinTraining,
+    clip: Clip,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
-    """A weights file of a network that knows the last of the past frames, and what comes after it,
-    by heart.
+    """A weights file of a network that knows by heart what comes two steps after the last of the
+    past frames, and after the next one.
     """
-    torch.manual_seed(0)
-    networks = method.build()
-    optimisers = method.optimisers(networks)
-    batch = pairs.batch([pairs.frame_pairs(pairs.Example(clip, NUM_PAST - 1), [0, 1, 2, 3, 4])])
-    for step in range(150):
-        for turn, losses in method.training_step(networks, batch, step).items():
-            optimisers[turn].zero_grad()
-            losses["total"].backward()
-            optimisers[turn].step()
+    networks, _ = trained(method, [Example(clip, NUM_PAST - 1), Example(clip, NUM_PAST)], 100)
     file = tmp_path_factory.mktemp("weights") / "overfitted.safetensors"
     checkpoints.write(file, "synsin", method, networks, {"seconds": 1})
-    return file
-
-
-@pytest.fixture
-def fresh(method: SynSinTraining, tmp_path: Path) -> Path:
-    """A weights file of an untrained network."""
-    torch.manual_seed(0)
-    file = tmp_path / "fresh.safetensors"
-    checkpoints.write(
-        file, "synsin", method, {"generator": ResidualGenerator(method.architecture)}, {}
-    )
     return file
 
 
@@ -59,19 +44,11 @@ def past_of(clip: Clip) -> Trajectory:
     return clip.trajectory[:NUM_PAST]
 
 
-def views_of(
-    file: Path,
-    clip: Clip,
-    world_from_cam: FloatArray,
-    camera: Intrinsics | None = None,
-    seed: int = 0,
-) -> Views:
+def views_of(file: Path, clip: Clip, world_from_cam: FloatArray, seed: int = 0) -> Views:
     """The last of the past frames, rendered from the poses."""
     context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
     scene = SynSin(file, seed=seed).reconstruct(context, past_of(clip))
-    return scene.view(
-        world_from_cam, clip.times_s[-len(world_from_cam) :], camera or clip.intrinsics
-    )
+    return scene.view(world_from_cam, clip.times_s[-len(world_from_cam) :], clip.intrinsics)
 
 
 def rms(one: ByteArray, other: ByteArray) -> float:
@@ -79,7 +56,7 @@ def rms(one: ByteArray, other: ByteArray) -> float:
     return float(np.sqrt(((one.astype(float) - other) ** 2).mean()))
 
 
-def test_after_overfitting_the_frames_own_pose_gives_the_frame_back_and_later_poses_the_later_frames(
+def test_after_overfitting_it_also_shows_poses_that_it_was_not_shown_and_their_depths(
     overfitted: Path, clip: Clip
 ) -> None:
     views = views_of(overfitted, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 :])
@@ -89,10 +66,6 @@ def test_after_overfitting_the_frames_own_pose_gives_the_frame_back_and_later_po
     assert views.covered[0].all()
     for step in range(4):
         assert rms(views.frames[1 + step], later[step]) < 0.6 * rms(last, later[step])
-
-
-def test_depths_are_those_of_the_new_views(overfitted: Path, clip: Clip) -> None:
-    views = views_of(overfitted, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 :])
     for step in (0, 2):
         truth = clip.depths[NUM_PAST - 1 + step]
         compared = views.covered[step] & (truth < 30)
@@ -101,11 +74,11 @@ def test_depths_are_those_of_the_new_views(overfitted: Path, clip: Clip) -> None
         assert np.median(error) < 0.02  # 1/m
 
 
-def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
+def test_what_no_point_reaches_is_not_covered(overfitted: Path, clip: Clip) -> None:
     last = past_of(clip).world_from_cam[-1]
     sideways = last @ se3.exp(np.array([0, 0, 0, 0, np.arctan(16 / clip.intrinsics.fx_px), 0]))
     behind = last @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    views = views_of(fresh, clip, np.stack([sideways, behind]))
+    views = views_of(overfitted, clip, np.stack([sideways, behind]))
     assert views.covered[0, 16, :12].all()  # half the image has gone out on the left
     assert not views.covered[0, 16, 20:].any()
     assert not views.covered[1].any()

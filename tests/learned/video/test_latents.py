@@ -2,15 +2,10 @@
 
 import math
 
+import pytest
 import torch
 
 from geovp_learned.video.latents import Gaussian, Lstm, kl_divergence
-
-
-def test_equal_gaussians_are_zero_apart() -> None:
-    random = torch.Generator().manual_seed(0)
-    one = Gaussian(torch.randn(5, 4, generator=random), torch.randn(5, 4, generator=random))
-    torch.testing.assert_close(kl_divergence(one, one), torch.zeros(5))
 
 
 def test_divergences_worked_out() -> None:
@@ -24,20 +19,15 @@ def test_divergences_worked_out() -> None:
     torch.testing.assert_close(float(kl_divergence(shifted, wide)), 0.5 * (math.log(4) + 1.5))
 
 
-def test_draws_have_the_mean_and_deviation_asked_for() -> None:
-    torch.manual_seed(0)
-    draws = Gaussian(torch.full((20000,), 5.0), torch.full((20000,), math.log(0.25))).sample()
-    assert abs(float(draws.mean()) - 5.0) < 0.02
-    assert abs(float(draws.std()) - 0.5) < 0.02
-
-
-def test_gradients_reach_mean_and_variance() -> None:
-    mean, log_variance = torch.zeros(1, requires_grad=True), torch.zeros(1, requires_grad=True)
-    Gaussian(mean, log_variance).sample(torch.tensor([2.0])).sum().backward()
-    assert (float(mean.grad), float(log_variance.grad)) == (
-        1.0,
-        1.0,
-    )  # d/dv of exp(v / 2) * 2 at 0 is 1
+def test_draws_are_of_the_mean_and_deviation_asked_for_and_teach_both() -> None:
+    mean = torch.tensor([5.0], requires_grad=True)
+    log_variance = torch.tensor([math.log(0.25)], requires_grad=True)
+    drawn = Gaussian(mean, log_variance).sample(torch.tensor([2.0]))
+    assert float(drawn.detach()) == pytest.approx(5 + 0.5 * 2)
+    drawn.sum().backward()
+    assert mean.grad.tolist() == [1.0]
+    # d/dv of exp(v / 2) * 2 is exp(v / 2)
+    assert log_variance.grad.tolist() == pytest.approx([0.5])
 
 
 def test_steps_one_by_one_are_the_same_as_all_at_once() -> None:
