@@ -11,6 +11,7 @@ import duckdb
 import pytest
 
 from geovp_benchmarks import cli
+from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix
@@ -151,6 +152,11 @@ def python(code: str, **more: Any) -> str:
 
 
 class TestList:
+    def test_each_built_in_matrix_has_a_short_sentence(self, printed: Says) -> None:
+        lines = dict(line.split(": ", 1) for line in printed("list", "matrices").splitlines())
+        assert lines.keys() == {path.stem for path in CONFIGS.glob("*.toml")}
+        assert all(20 < len(sentence) < 120 for sentence in lines.values())
+
     def test_a_plug_in_and_what_it_lacks_are_there_and_nothing_is_imported_for_it(
         self, toys: Path
     ) -> None:
@@ -187,6 +193,7 @@ def test_help_names_everything_and_imports_nothing_heavy(
     text = python(f"""
 import sys
 from geovp_benchmarks import cli
+from geovp_benchmarks.matrix import CONFIGS
 try:
     cli.main([*{words!r}, "--help"])
 except SystemExit as end:

@@ -6,6 +6,7 @@ Examples:
   geovp list
   geovp list renderers
   geovp list depth-fusion
+  geovp list matrices
   geovp list protocols
 """
 
@@ -19,6 +20,7 @@ import json
 import re
 from contextlib import suppress
 from importlib import metadata
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -28,22 +30,32 @@ from geovp_classic.errors import GeovpError, UnknownComponent
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the role or component."""
-    text = "Role such as renderers, name of a component, or `protocols`. Default: all roles."
-    complete_with(add(parser, "name", "ROLE|NAME|protocols", text, nargs="?"), words)
+    text = (
+        "Role such as renderers, name of a component, `matrices` or `protocols`. "
+        "Default: all roles."
+    )
+    complete_with(add(parser, "name", "ROLE|NAME|matrices|protocols", text, nargs="?"), words)
 
 
 def words() -> list[str]:
     """Return the words that the argument may be; nothing is imported."""
     groups = [group for group in metadata.entry_points().groups if group.startswith("geovp.")]
     names = [entry.name for group in groups for entry in metadata.entry_points(group=group)]
-    return ["protocols", *(group.removeprefix("geovp.") for group in groups), *names]
+    return ["matrices", "protocols", *(group.removeprefix("geovp.") for group in groups), *names]
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:
-    """Print roles with their components, one component, or the protocols."""
-    from geovp_benchmarks.matrix import protocols
+    """Print roles with their components, one component, the matrices or the protocols."""
+    from geovp_benchmarks.matrix import CONFIGS, protocols
     from geovp_classic import registry
 
+    if args.name == "matrices":
+        for path in sorted(CONFIGS.glob("*.toml")):
+            lines = takewhile(
+                lambda line: line.startswith("#"), path.read_text("utf-8").split("\n")
+            )
+            yield f"{path.stem}: {first_sentence(' '.join(line.lstrip('# ') for line in lines))}"
+        return
     if args.name == "protocols":
         yield protocols.TABLES.read_text("utf-8")
         return
@@ -72,10 +84,14 @@ def summary(entry: metadata.EntryPoint) -> str:
         text += f" (needs extra: {extra})" if extra else f" (needs {missing})"
     for node in ast.parse(source(entry.module)).body:
         if isinstance(node, ast.ClassDef) and node.name == entry.attr:
-            paragraph = (ast.get_docstring(node) or "").partition("\n\n")[0]
-            sentence = re.split(r"\.\s+(?=[A-Z])", " ".join(paragraph.split()))[0]
-            text += f": {sentence.removesuffix('.')}" if sentence else ""
+            sentence = first_sentence((ast.get_docstring(node) or "").partition("\n\n")[0])
+            text += f": {sentence}" if sentence else ""
     return text
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a text on one line, without its full stop."""
+    return re.split(r"\.\s+(?=[A-Z`])", " ".join(text.split()))[0].removesuffix(".")
 
 
 @functools.cache
