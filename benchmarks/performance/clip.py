@@ -46,10 +46,11 @@ def stages(method: GeometricPredictor, context: Context) -> tuple[Prediction, di
 
 def lines(rounds: int, kitti: tuple[str, str] | None, frames: Frames) -> list[str]:
     """Return the medians of all stages and of their sum."""
-    spec: dict[str, Any] = {"name": "synthetic", "with_full": frames == "full"}
+    spec: dict[str, Any] = {"name": "synthetic"}
     if kitti is not None:
         root, sequence = kitti
         spec = {"name": "kitti", "root": root, "sequences": [sequence], "num_frames": 30}
+    spec["with_full"] = frames == "full"
     method = predictor(frames)
     context, _ = registry.build("datasets", spec)[0].split(10, method.needs)
     warm_up, *seconds = [stages(method, context)[1] for _ in range(rounds + 1)]
