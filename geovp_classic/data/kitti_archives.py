@@ -3,6 +3,7 @@
 The site asks for an account, so nothing is downloaded here.
 """
 
+import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ class Archive:
     """An archive of the site, and the path in the root that its content takes."""
 
     name: str
-    size: str  # as the site states it
+    size: str  # as the site or its server states it
     belongs_in: str
     purpose: str
 
@@ -24,6 +25,7 @@ class Archive:
 
 
 COLUMNS = ["archive", "size", "belongs in", "needed for"]
+RAW_SIZES = Path(__file__).with_name("kitti_raw_sizes.toml")  # in bytes
 
 CALIBRATION = Archive(
     "data_odometry_calib.zip",
@@ -73,14 +75,24 @@ def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
 
     A drive is called as `KittiRaw` calls it: "2011_09_26_drive_0084".
     """
-    size = "size not published"
+    sizes = tomllib.loads(RAW_SIZES.read_text())
     archives = {}
     for drive in drives:
         date = drive.partition("_drive_")[0]
         for name, path, purpose in (
-            (f"{date}_calib.zip", f"{date}/calib_cam_to_cam.txt", "cameras"),
-            (f"{drive}_sync.zip", f"{date}/{drive}_sync", "images, true poses"),
+            (f"{date}_calib", f"{date}/calib_cam_to_cam.txt", "cameras"),
+            (f"{drive}_sync", f"{date}/{drive}_sync", "images, true poses"),
         ):
             if not (root / path).exists():
-                archives[name] = Archive(name, size, path, purpose)
+                size = _text(sizes[name]) if name in sizes else "unknown"
+                archives[name] = Archive(f"{name}.zip", size, path, purpose)
     return list(archives.values())
+
+
+def _text(size_bytes: int) -> str:
+    """Return a size in kB, MB or GB."""
+    if size_bytes >= 1e9:
+        return f"{size_bytes / 1e9:.1f} GB"
+    if size_bytes >= 1e6:
+        return f"{size_bytes / 1e6:.0f} MB"
+    return f"{size_bytes / 1e3:.0f} kB"

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli
+from geovp_benchmarks.matrix import protocols
 from geovp_classic.data import kitti_archives
 
 
@@ -33,8 +34,13 @@ def test_the_drives_of_a_protocol_are_named(
     (date / "2011_09_26_drive_0060_sync").mkdir(parents=True)
     assert cli.main(["doctor", str(tmp_path), "--protocol", "fvs20"]) == 1
     printed = capsys.readouterr().out
-    assert "2011_09_26_calib.zip" in printed
-    assert "2011_09_26/2011_09_26_drive_0084_sync" in printed
+    rows = [
+        [*map(str.strip, line.split("|")[1:4])] for line in printed.splitlines() if "zip" in line
+    ]
+    date_row, *drives = rows
+    assert date_row == ["2011_09_26_calib.zip", "4 kB", "2011_09_26/calib_cam_to_cam.txt"]
+    drive = "2011_09_26_drive_0084_sync"
+    assert drives[0] == [f"{drive}.zip", "1.6 GB", f"2011_09_26/{drive}"]  # 1,574,584,300 bytes
     assert "drive_0060" not in printed
     for number in (84, 93, 96):
         (date / f"2011_09_26_drive_{number:04d}_sync").mkdir()
@@ -45,3 +51,10 @@ def test_the_drives_of_a_protocol_are_named(
 @pytest.mark.parametrize(("protocol", "code"), [("thesis", 1), ("synsin20", 1), ("svg18", 2)])
 def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) -> None:
     assert cli.main(["doctor", str(tmp_path), "--protocol", protocol]) == code
+
+
+@pytest.mark.parametrize("protocol", ["srvp20", "fvs20"])
+def test_the_size_of_each_drive_of_a_protocol_is_known(protocol: str, tmp_path: Path) -> None:
+    archives = kitti_archives.missing_raw(tmp_path, protocols.load(protocol).dataset["sequences"])
+    assert len(archives) > 4
+    assert all(archive.size[-2:] in ("kB", "MB", "GB") for archive in archives)
