@@ -15,7 +15,7 @@ LinesAndCode = Generator[str, None, int]  # to print; returns the exit code
 SHARED: dict[str, tuple[Any, ...]] = {  # arguments of `add`
     "matrix": ("MATRIX", "Matrix file, or name of a built-in matrix such as demo."),
     "folder": ("DIR", "Results folder, written by `geovp run`."),
-    "--methods": ("METHOD...", "Methods, in this order. Default: all."),
+    "--methods": ("METHOD...", "Methods, by their names in tables. Default: all."),
     "--metrics": ("METRIC...", "Metrics, in this order. Default: all."),
     "--by": (
         "ATTRIBUTE",
