@@ -44,7 +44,18 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
         patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
         code = cli.main(
-            ["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"]
+            [
+                "reproduce",
+                "fvs20",
+                "--root",
+                str(root),
+                "--out",
+                str(out),
+                "--limit",
+                "1",
+                "--keep",
+                "0",
+            ]
         )
     return code, Results(out)
 

@@ -38,7 +38,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     out = tmp_path_factory.mktemp("out")
     words = ["reproduce", "thesis", "--root", str(root), "--out", str(out), "--limit", "2"]
-    words += ["--set", "protocol.dataset.split=thesis-like-test", "--samples", "2"]
+    words += ["--set", "protocol.dataset.split=thesis-like-test", "--samples", "2", "--keep", "0"]
     with (
         pytest.MonkeyPatch.context() as patch
     ):  # their names and places are tested here, what is in them elsewhere
