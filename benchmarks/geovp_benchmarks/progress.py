@@ -36,7 +36,7 @@ def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[I
 
 @contextmanager
 def progress_bar(description: str) -> Iterator[Progress]:
-    """Show a progress bar with the current step on standard error; another total begins anew.
+    """Show a progress bar with the current step on standard error; another total restarts it.
 
     Nothing is shown with --quiet or where standard error is not a terminal. The bar is drawn by the
     calling thread alone: another thread could hold its lock when standard error breaks.

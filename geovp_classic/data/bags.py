@@ -129,8 +129,8 @@ class Bag:
         """
         topics = self.topics("info")
         parents = PurePosixPath(image_topic).parents
-        beside = [str(parent / "camera_info") for parent in parents]
-        topic = next(filter(topics.__contains__, beside), None)
+        names = [str(parent / "camera_info") for parent in parents]
+        topic = next(filter(topics.__contains__, names), None)
         if topic is None and len(topics) == 1:
             topic = topics[0]
         if topic is None:
@@ -242,7 +242,7 @@ def pose_of(message: Any) -> FloatArray | None:
     None without a rotation: trackers that are lost give a quaternion of zeros.
     """
     value = getattr(message, "transform", None) or message.pose
-    value = getattr(value, "pose", value)  # beside a covariance
+    value = getattr(value, "pose", value)  # next to a covariance
     position = getattr(value, "position", None) or value.translation
     turn = getattr(value, "orientation", None) or value.rotation
     numbers = [getattr(position, axis) for axis in "xyz"]

@@ -230,7 +230,7 @@ def _text(size_px: Size) -> str:
 def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
-    The first image, or with `deep` every one, is decoded. Images that are no files are not
+    The first image, or with `deep` every one, is decoded. Images that are not files are not
     examined otherwise.
     """
     sizes_px: list[Size] = []

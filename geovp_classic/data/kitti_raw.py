@@ -56,7 +56,7 @@ class KittiRaw(Kitti):
     ) -> Scan:
         """Scan a drive with one of its cameras, by default the one that it shows.
 
-        `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies beside it.
+        `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies next to it.
         """
         camera = self._cameras(folder)[0] if camera is None else camera
         images = numbered_images(folder / f"image_0{camera}" / "data", findings)

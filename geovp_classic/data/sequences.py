@@ -47,7 +47,7 @@ class Scan:
     is_metric: bool = True
     # of one of several cameras
     cam_from_rig: FloatArray = field(default_factory=lambda: np.eye(4))
-    load: Load | None = None  # of images that are no files
+    load: Load | None = None  # of images that are not files
 
     @property
     def posed(self) -> IntArray:

@@ -30,7 +30,7 @@ def load(name: str) -> tuple[FrameRange, ...]:
     expected = (
         'expected ranges = ["06", "03[180:360)"] and perhaps about = "..."'
     )
-    with files.checked(f"{path} is no list of frame ranges", expected):
+    with files.checked(f"{path} is not a list of frame ranges", expected):
         table = tomllib.loads(text)
         if not table["ranges"] or table.keys() - {"ranges", "about"}:
             raise BadData(f"it holds {list(table)}")

@@ -71,7 +71,7 @@ class FrameRange:
 
 @dataclass(frozen=True)
 class SideCamera:
-    """A second camera beside the first, such as the right one of a stereo pair."""
+    """A second camera next to the first, such as the right one of a stereo pair."""
 
     frames: FrameReader
     intrinsics: Intrinsics

@@ -48,7 +48,7 @@ class PlaneSpacing:
     """Planes from infinity to the nearest surfaces, at even steps of parallax.
 
     Parallax is that of a typical pixel of the central square: with forward motion it is zero at
-    the centre, and much larger beside the square of wide images.
+    the centre, and much larger outside the square of wide images.
     """
 
     # The nearest plane shifts the image of the nearest source by this part of its shorter side.

@@ -1,4 +1,4 @@
-"""The background beside a hole: a moving camera uncovers what the surface in front hid."""
+"""The background next to a hole: a moving camera uncovers what the surface in front hid."""
 
 import numba
 import numpy as np

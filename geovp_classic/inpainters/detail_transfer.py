@@ -17,9 +17,9 @@ from geovp_classic.types import ByteArray, Views
 class DetailTransfer:
     """Colours of another inpainter with the detail that the last frame has at the same pixels.
 
-    A turning camera keeps seeing road below, walls and trees beside and the sky above: textures
-    change less than objects. So low frequencies come from `colours`, and higher ones from the last
-    frame, at `strength` of their contrast.
+    A turning camera keeps seeing road below, walls and trees at the sides and the sky above:
+    textures change less than objects. So low frequencies come from `colours`, and higher ones from
+    the last frame, at `strength` of their contrast.
     """
 
     colours: Inpainter = NearestBackground()

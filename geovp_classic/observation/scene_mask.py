@@ -127,7 +127,7 @@ class SceneMasking:
 def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
     """Return the nonzero pixels of an image file as a mask [H, W] of that size.
 
-    Raise BadData for a file that is no image, or whose aspect ratio differs by more than 5 %.
+    Raise BadData for a file that is not an image, or whose aspect ratio differs by more than 5 %.
     """
     data = np.frombuffer(files.read_bytes(path), np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None

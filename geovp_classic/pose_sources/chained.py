@@ -50,7 +50,7 @@ class ContinuedRecording(ABC):
     def forecast(
         self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
     ) -> FloatArray:
-        """Return futures [S, F, 4, 4]; a forecaster beside this class implements it."""
+        """Return futures [S, F, 4, 4], which a subclass forecasts."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and its continuation; raise Incompatible without poses."""

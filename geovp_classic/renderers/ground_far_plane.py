@@ -101,7 +101,7 @@ class GroundFarScene:
         times_s: FloatArray,
         intrinsics: Intrinsics,
     ) -> Views:
-        """Return the views from the poses [F, 4, 4]; uncovered beside the last frame."""
+        """Return the views from the poses [F, 4, 4]; uncovered outside the last frame."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
         return inpainted_views(
             views, self.inpainter, resampled(self.last, intrinsics)

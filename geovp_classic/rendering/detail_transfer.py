@@ -3,9 +3,9 @@
 A surface that is seen z times larger than it was observed has no frequencies above 1 / z of the
 finest one: roads, walls and trees blur, which perceptual metrics and people dislike more than wrong
 texture. While a car drives on, the texture at one place of the image changes little (road below,
-walls and trees beside). So the missing frequency bands are taken from the last observed frame at
-the same pixels, at the local contrast of the view. Bands are those of a Laplacian pyramid (Burt &
-Adelson 1983).
+walls and trees at the sides). So the missing frequency bands are taken from the last observed frame
+at the same pixels, at the local contrast of the view. Bands are those of a Laplacian pyramid (Burt
+& Adelson 1983).
 """
 
 import itertools

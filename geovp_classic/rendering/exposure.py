@@ -1,6 +1,6 @@
 """Auto exposure: how bright the future frames will be.
 
-Cameras on vehicles set their exposure anew for every frame; sky or shadow that comes into view
+Cameras on vehicles adjust their exposure for every frame; sky or shadow that comes into view
 makes the same surfaces a fifth brighter or darker a second later. The control loop holds the mean
 of the camera's whole image, with a lag of some tenths of a second. Where the future whole image can
 be rendered (uncropped frames), so can its mean. Of a square crop only the crop's own mean is known,

@@ -70,7 +70,7 @@ def hidden_from(
 ) -> BoolArray:
     """Return which pixels [H, W] of a source a later frame does not show.
 
-    They lie beside its image or behind its surfaces. A surface in front of those would be visible
+    They lie outside its image or behind its surfaces. A surface in front of those would be visible
     in the later frame: its depth is wrong, so it does not count as hidden.
     """
     pixels, ratio = later.project(

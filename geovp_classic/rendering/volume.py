@@ -201,7 +201,7 @@ class VolumeScene:
     ) -> tuple[ByteArray, BoolArray, BoolArray]:
         """Sample the last frame for surfaces at the view's inverse depth [H, W].
 
-        Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither beside
+        Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither outside
         its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
         """
         colours, is_inside, pixels, ratio = warp(

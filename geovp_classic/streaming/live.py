@@ -289,7 +289,7 @@ class LivePredictor:
         self._odometry = None
 
     def _track(self, observed: Observed) -> StreamOdometry:
-        """Track the newest frame; all of them anew if the scene's window in the image changed."""
+        """Track the newest frame; all frames again if the scene's window in the image changed."""
         observations = observed.context.observations
         assert observations is not None
         camera = observations.intrinsics
@@ -376,8 +376,8 @@ class LivePredictor:
         last = present.past.world_from_cam[-1]
         down = last[:3, :3] @ present.vehicle_from_cam[1, :3]
         ground = path[:, :3, 3] + self._height_m * down
-        beside = half_m[:, None] * right
-        points = np.stack([ground, ground - beside, ground + beside])
+        offset = half_m[:, None] * right
+        points = np.stack([ground, ground - offset, ground + offset])
         in_view = se3.transform(se3.inverse(path[0]), points)
         pixels, depth = pinhole.project(in_view, self.intrinsics)
         pixels = np.where(depth[..., None] > 0.1, pixels, np.nan)

@@ -84,7 +84,7 @@ def _state_dict(file: Path) -> dict[str, Tensor]:
     except Exception as error:  # torch has many
         reason = str(error).splitlines()[0]
         raise BadData(
-            f"{file} is no state dict ({reason}): save network.state_dict() with torch.save"
+            f"{file} is not a state dict ({reason}): save network.state_dict() with torch.save"
         ) from error
 
 

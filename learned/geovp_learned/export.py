@@ -24,7 +24,7 @@ NEEDS = ("onnx", "onnxscript")
 
 @dataclass(frozen=True)
 class Exportable:
-    """A network with fixed numbers in place of what is no tensor, and examples of its inputs."""
+    """A network with constants in place of inputs that are not tensors, and example inputs."""
 
     network: nn.Module
     inputs: dict[str, Tensor]
@@ -80,7 +80,7 @@ def write_onnx(file: Path, exported: Exportable) -> None:
             f"export needs {lacking[0]}, which is not installed: {install_command('onnx')}"
         )
     if not file.parent.is_dir():
-        raise BadData(f"{file.parent} is no folder: make it, or give another --onnx")
+        raise BadData(f"{file.parent} is not a folder: make it, or give another --onnx")
     axes: Any = [dict.fromkeys(exported.free, torch.export.Dim.DYNAMIC) for _ in exported.inputs]
     with _quiet():
         torch.onnx.export(

@@ -70,7 +70,7 @@ def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(BadData, match="expected 123456789abc: give the weights that are asked for"):
         Dusk(checkpoint=file, fingerprint="123456789abc")
     file.write_bytes(b"nothing of use")
-    with pytest.raises(BadData, match=r"is no state dict|is not a whole safetensors file"):
+    with pytest.raises(BadData, match=r"is not a state dict|is not a whole safetensors file"):
         Dusk(checkpoint=file).predict(context)
 
 

@@ -61,7 +61,7 @@ def test_what_cannot_be_exported_is_said_in_one_sentence(
     assert command.main(["export", "synsin", "--onnx", str(tmp_path / "s.onnx")]) == 2
     assert "'synsin' cannot be exported to ONNX: known are deepvo, lpips" in capsys.readouterr().err
     assert command.main(["export", "deepvo", "--onnx", str(tmp_path / "no/d.onnx")]) == 2
-    assert "no is no folder: make it, or give another --onnx" in capsys.readouterr().err
+    assert "no is not a folder: make it, or give another --onnx" in capsys.readouterr().err
     monkeypatch.setattr(export, "NEEDS", ("onnx", "onnx_of_tomorrow"))
     assert command.main(["export", "deepvo", "--onnx", str(tmp_path / "d.onnx")]) == 2
     assert (

@@ -1,4 +1,4 @@
-"""Results by attributes of the clips, which are stored beside their scores.
+"""Results by attributes of the clips, which are stored with their scores.
 
 They follow from true poses, exact depths and moving objects; without exact depth, `seen` is the
 fraction of pixels that a method covers.

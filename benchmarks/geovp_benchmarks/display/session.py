@@ -76,7 +76,7 @@ class Session:
                 play(publish, stop)
 
     def look(self, now_s: float, true: ByteArray | None) -> Shown:
-        """Predict the present and draw it beside the late image and the true present."""
+        """Predict the present and draw it next to the late image and the true present."""
         late = self._late
         if late is None:
             black = np.zeros((*self.source.size_px[::-1], 3), np.uint8)
@@ -85,8 +85,8 @@ class Session:
         warning: str | None
         try:
             view = self.live.view(now_s, self.commands.at(now_s))
-        except Incompatible:  # while a push starts anew
-            warning = "the images were interrupted: starting anew"
+        except Incompatible:  # while a push restarts
+            warning = "the images were interrupted: restarting"
             return self._shown(late.frame, late.frame, true, warning, age_s, 0.0)
         warning = view.warning
         if warning is None and min(age_s, view.age_s) < 0:

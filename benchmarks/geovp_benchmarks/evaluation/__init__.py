@@ -1,1 +1,1 @@
-"""Evaluations beside the matrices: odometry, forecasters, error budget and pose sensitivity."""
+"""Evaluations without a matrix: odometry, forecasters, error budget and pose sensitivity."""

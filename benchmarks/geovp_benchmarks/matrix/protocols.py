@@ -1,6 +1,6 @@
 """Protocols of papers: observed and predicted frames, metrics, and the meaning of the numbers.
 
-A matrix file follows one with `[protocol] name = "fvs20"`. Keys beside the name replace the
+A matrix file follows one with `[protocol] name = "fvs20"`. Other keys replace the
 protocol's choices, so that another data set can be measured in its form.
 """
 

@@ -43,7 +43,7 @@ class Curve:
 def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     """Draw curves with a legend.
 
-    Few curves have intervals in the middle and at the end of the horizon, beside one another.
+    Few curves have intervals in the middle and at the end of the horizon, next to one another.
     """
     width_in = options.width_in or 4.8
     (axes,) = page.add_axes(width_in, 0.65 * width_in, options)

@@ -14,7 +14,7 @@ from geovp_classic.types import ByteArray
 def film(
     observed: ByteArray,  # [P, H, W, 3]
     predicted: ByteArray,  # [F, H, W, 3]
-    actual: ByteArray,  # [F' <= F, H, W, 3], shown beside the prediction
+    actual: ByteArray,  # [F' <= F, H, W, 3], shown next to the prediction
 ) -> ByteArray:
     """Return the labelled frames [P + F, H', W', 3] of a video."""
     seen = [labelled(frame, "observed") for frame in observed]

@@ -33,7 +33,7 @@ class Camera:
 
 def find_camera(
     recording: Recording,
-    recorded: DistortedCamera | None,  # beside the images
+    recorded: DistortedCamera | None,  # next to the images
     num_observed: int,  # frames up to the last observed one; later ones are not read
     request: PredictionRequest,
 ) -> tuple[Camera, Recording]:

@@ -9,7 +9,7 @@ from typing import Any
 from geovp_benchmarks.results.score_names import Bounds
 from geovp_benchmarks.results.store import Method
 
-MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
+MARKS = {  # PrivilegedInput -> (mark next to the method's name, its meaning)
     "PAST_POSES": ("p", "true past poses"),
     "FUTURE_POSES": ("f", "true future poses"),
     "PAST_DEPTHS": ("d", "true past depths"),
@@ -70,12 +70,12 @@ def summary(protocol: Mapping[str, Any]) -> str:
 
 
 def marks(method: Method) -> str:
-    """Return the letters beside the name of a method."""
+    """Return the letters next to the name of a method."""
     return "".join(MARKS[name][0] for name in method.privileged_inputs)
 
 
 def legend(methods: Iterable[Method], but: str = "") -> list[str]:
-    """Return what the letters beside methods mean."""
+    """Return what the letters next to methods mean."""
     used = {name for method in methods for name in method.privileged_inputs}
     words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
     return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []

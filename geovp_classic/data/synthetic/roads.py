@@ -98,7 +98,7 @@ class Journey:
 
     path: Path
     start_m: float  # along the path at time 0
-    right_m: float  # beside the path
+    right_m: float  # of the path
     speeds_m_s: Sequence[float] | FloatArray
     times_s: Sequence[float] | FloatArray = (0.0,)
 

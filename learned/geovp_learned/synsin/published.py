@@ -167,16 +167,14 @@ class DepthNetwork(nn.Module):
             nn.BatchNorm2d(size) for size in down[2:-1]
         )  # not of the first and last
         up = [*reversed(down[1:-1]), 1]
-        into = [
-            down[-1],
-            *(2 * size for size in up[:-1]),
-        ]  # beside each level stands what came down to it
+        # with skip connections to each level
+        into = [down[-1], *(2 * size for size in up[:-1])]
         self.up = nn.ModuleList(_convolution(a, b) for a, b in zip(into, up, strict=True))
         self.up_norms = nn.ModuleList(nn.BatchNorm2d(size) for size in up[:-1])
-        share = (1 / INITIAL_M - MIN_INVERSE_DEPTH) / (MAX_INVERSE_DEPTH - MIN_INVERSE_DEPTH)
+        fraction = (1 / INITIAL_M - MIN_INVERSE_DEPTH) / (MAX_INVERSE_DEPTH - MIN_INVERSE_DEPTH)
         last = self.up[-1].bias
         assert isinstance(last, nn.Parameter)
-        nn.init.constant_(last, float(torch.logit(torch.tensor(share))))
+        nn.init.constant_(last, float(torch.logit(torch.tensor(fraction))))
 
     def forward(self, frames: Tensor) -> Tensor:
         """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
@@ -204,7 +202,7 @@ class DepthNetwork(nn.Module):
 
 
 def _channels(first: int, widths: Sequence[float], width: int) -> list[int]:
-    return [first, *(max(1, round(share * width)) for share in widths)]
+    return [first, *(max(1, round(ratio * width)) for ratio in widths)]
 
 
 def _convolution(in_channels: int, out_channels: int, stride: int = 1) -> nn.Module:

@@ -81,9 +81,9 @@ class DepthNetwork(nn.Module):
         self.rows = architecture.depth_px
         self.multiple = 2 ** len(architecture.depth_channels)
         self.unet = UNet(COLOURS + 2, architecture.depth_channels, 1)
-        share = NEAREST_M / INITIAL_M
+        fraction = NEAREST_M / INITIAL_M
         nn.init.normal_(self.unet.head.weight, std=1e-3)
-        self.unet.head.bias = nn.Parameter(torch.logit(torch.tensor([share])))
+        self.unet.head.bias = nn.Parameter(torch.logit(torch.tensor([fraction])))
 
     def forward(self, frames: Tensor, rays: Tensor) -> Tensor:
         """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""

@@ -188,16 +188,16 @@ def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
     network starts with the surrounding colours in gaps between points and in disoccluded regions.
     """
     solid = SOLID_FACTOR * opacities
-    share = solid.clamp(max=1)
-    blended = blended * (share / opacities.clamp(min=MIN_PULL_OPACITY))
+    coverage = solid.clamp(max=1)
+    blended = blended * (coverage / opacities.clamp(min=MIN_PULL_OPACITY))
     height, width = blended.shape[2:]
     if max(height, width) == 1:
-        return blended / share.clamp(min=MIN_PULL_OPACITY)
+        return blended / coverage.clamp(min=MIN_PULL_OPACITY)
     padding = (0, width % 2, 0, height % 2)
     coarse, thin = (
-        functional.avg_pool2d(functional.pad(maps, padding), 2) for maps in (blended, share)
+        functional.avg_pool2d(functional.pad(maps, padding), 2) for maps in (blended, coverage)
     )
     behind = functional.interpolate(pull_push(coarse, thin), scale_factor=2, mode="bilinear")[
         :, :, :height, :width
     ]
-    return blended + (1 - share) * behind
+    return blended + (1 - coverage) * behind

@@ -126,7 +126,10 @@ class SynSinTraining:
         training.
         """
         horizons = sorted(
-            {max(1, round(share * self.max_horizon)) for share in (0.05, 0.25, 0.5, 0.75, 1.0)}
+            {
+                max(1, round(fraction * self.max_horizon))
+                for fraction in (0.05, 0.25, 0.5, 0.75, 1.0)
+            }
         )
         torch.manual_seed(0)  # noise of the refinement network
         device = next(networks["generator"].parameters()).device
