@@ -345,30 +345,54 @@ def test_a_path_beside_the_axis_is_told_where_it_is_straight(
 LENS = (-0.2, 0.03, 0.002, -0.001)  # k1, k2, p1, p2: straight lines bulge outwards
 
 
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The street through a lens: each pixel shows what OpenCV says a pinhole camera sees elsewhere."""
+    folder = tmp_path_factory.mktemp("lens") / "images"
+    matrix = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1]])
+    grid = np.stack(
+        np.meshgrid(np.arange(float(CAMERA.width_px)), np.arange(float(CAMERA.height_px))), axis=-1
+    )
+    straight = cv2.undistortPoints(
+        grid.reshape(-1, 1, 2), matrix, np.array(LENS), P=matrix
+    ).reshape(grid.shape)
+    how = {"map1": straight.astype(np.float32), "map2": None, "interpolation": cv2.INTER_CUBIC}
+    frames = [
+        cv2.remap(frame, **how, borderMode=cv2.BORDER_REPLICATE) for frame in street.clip().frames
+    ]
+    write_images(folder, np.stack(frames))
+    return folder
+
+
+def error_in_the_middle(out: Path, frames: Path) -> float:
+    """Mean grey-level difference of the last observed frame from that of another folder, without a
+    border.
+    """
+    ours = cv2.imread(str(out / "seen" / "000007.png")).astype(float)
+    theirs = cv2.imread(str(frames / "seen" / "000007.png")).astype(float)
+    return float(np.abs(ours - theirs)[12:-12, 12:-12].mean())
+
+
 def test_lens_distortion_is_removed(
-    images: Path, written: Path, tmp_path: Path, command: Command
+    bent: Path, written: Path, tmp_path: Path, command: Command
 ) -> None:
     numbers = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px + 0.5, CAMERA.cy_px + 0.5, *LENS)
     camera = tmp_path / "cameras.txt"
     camera.write_text(
         f"1 OPENCV {CAMERA.width_px} {CAMERA.height_px} {' '.join(map(str, numbers))}\n"
     )
+    common = ["predict", bent, "--fps", "10", "--first", "0", *SHORT]
     cameras = {
         "file": ["--calibration", camera],
         "numbers": [*INTRINSICS, "--distortion", *LENS],
+        "pinhole": INTRINSICS,
     }
     for name, words in cameras.items():
-        out = tmp_path / name
-        common = ["predict", images, "--fps", "10", "--first", "0", *SHORT, "--out", out]
-        assert command(*common, *words).code == 0
-        about = json.loads((out / "predict.json").read_text())
-        assert about["camera"]["removed_distortion"] == [*LENS]
-    straight, *same = (
-        cv2.imread(str(out / "seen" / "000007.png"))
-        for out in (written, *(tmp_path / name for name in cameras))
-    )
-    np.testing.assert_array_equal(*same)
-    assert (same[0] != straight).any()
+        assert command(*common, *words, "--out", tmp_path / name).code == 0
+    about = json.loads((tmp_path / "file" / "predict.json").read_text())
+    assert about["camera"]["removed_distortion"] == [*LENS]
+    errors = {name: error_in_the_middle(tmp_path / name, written) for name in cameras}
+    assert max(errors["file"], errors["numbers"]) < 0.3 * errors["pinhole"]
 
 
 def test_frames_and_poses_are_numbered_as_in_the_recording(written: Path) -> None:

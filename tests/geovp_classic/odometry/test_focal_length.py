@@ -79,6 +79,7 @@ def test_a_sure_interval_is_a_third_wide() -> None:
         ("03/image_0", (60, 120), 721.5),  # a turn, and a gentle curve
         ("06/image_0", (0, 20), 707.1),  # straight: the car's pitching is all there is
         ("00/image_2", (0, 190), 242.8),  # resized: the mean of 241.0 and 244.7
+        ("raw0095/image_2", (0, 180), 492.6),
     ],
 )
 def test_calibrated_cars_of_kitti_within_a_tenth(
