@@ -11,7 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("geovp", "geovp_classic", "learned", "benchmarks")
 BANNED_NAMES = re.compile(
     r"one|found|own|chosen|known|taken|kept|whose|every|least|most|largest|smallest|longest"
-    r"|shortest|farthest|(\w+_)?share|(LEAST|MOST|LARGEST|SMALLEST|LONGEST|SHORTEST|FARTHEST)_\w+"
+    r"|shortest|farthest|KEPT|(\w+_)?share|\w+_SHARE"
+    r"|(LEAST|MOST|LARGEST|SMALLEST|LONGEST|SHORTEST|FARTHEST)_\w+"
 )
 BANNED_OPENINGS = re.compile(
     r"(a|an|the|this|that|these|those|its|all|each|every|no|one|only|same|what|which|whether|how"

@@ -117,11 +117,11 @@ def gains(values: FloatArray, roads: FloatArray, metrics: Sequence[str]) -> Iter
     for column, metric in enumerate(metrics):
         for reference in range(3):
             gain = values[:, 3, column] - values[:, reference, column]
-            cells = []
+            entries = []
             for step in steps:
                 mean = interval(gain[:, step], roads)
-                cells.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
-            rows.append([f"{metric}: over {METHODS[reference]}", *cells])
+                entries.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
+            rows.append([f"{metric}: over {METHODS[reference]}", *entries])
     head = ["gain of the forecast views", *(f"{LATENCY_FRAMES[step] / 10:g} s" for step in steps)]
     yield from grid([head, *rows])
 

@@ -72,8 +72,10 @@ class CornerTracker:
         The image [H, W] has about `num_features` square cells.
         """
         side_px = np.sqrt(image.size / self.num_features)
-        cells, strongest = np.unique(_cell(corners, side_px), return_index=True)
-        is_free = ~np.isin(cells, _cell(occupied, side_px))
+        indices, strongest = np.unique(
+            _grid_indices(corners, side_px), return_index=True
+        )
+        is_free = ~np.isin(indices, _grid_indices(occupied, side_px))
         return corners[strongest[is_free]]
 
     def track(
@@ -146,7 +148,7 @@ class CornerTracker:
         return tracked, is_found
 
 
-def _cell(pixels: FloatArray, side_px: float) -> IntArray:
+def _grid_indices(pixels: FloatArray, side_px: float) -> IntArray:
     """Return the numbers [N] of the square cells that hold pixels [N, 2]."""
     column, row = np.floor(pixels / side_px).astype(np.int64).T
     return row * 10_000 + column

@@ -205,9 +205,9 @@ class BlockBootstrap:
             is_of_length = np.repeat(long_lengths == length, long_lengths)
             sequences = off[:num_long][is_of_length].reshape(-1, length)
             slow = min(round(num_slow * length / count), length - 1)
-            angles = np.pi * np.arange(slow + 1) / length
+            angles_rad = np.pi * np.arange(slow + 1) / length
             ratios = (1 - correlation) ** 2
-            ratios = ratios / (1 - 2 * correlation * np.cos(angles) + correlation**2)
+            ratios = ratios / (1 - 2 * correlation * np.cos(angles_rad) + correlation**2)
             mirrored = np.concatenate([sequences, sequences[:, ::-1]], axis=1)
             cosines = np.abs(np.fft.rfft(mirrored)[:, : slow + 1]) ** 2 / (2 * length)
             powers += float(cosines.sum() - cosines[:, 0].sum() / 2)  # orthonormal DCT-II, squared
@@ -264,11 +264,11 @@ def student_quantiles(degrees: int, tails: FloatArray) -> FloatArray:
     It is sqrt(degrees) tan(angle), where the density of the angle is cos(angle)^(degrees - 1).
     Importing scipy.special would take longer than the rest of a table.
     """
-    angles = np.linspace(0, np.pi / 2, 20001)
-    middles = (angles[1:] + angles[:-1]) / 2
-    mass = np.concatenate([[0.0], np.cumsum(np.cos(middles) ** (degrees - 1))])
-    angle = np.interp(2 * tails - 1, mass / mass[-1], angles)
-    return np.asarray(np.sqrt(degrees) * np.tan(angle))
+    angles_rad = np.linspace(0, np.pi / 2, 20001)
+    middles_rad = (angles_rad[1:] + angles_rad[:-1]) / 2
+    mass = np.concatenate([[0.0], np.cumsum(np.cos(middles_rad) ** (degrees - 1))])
+    angle_rad = np.interp(2 * tails - 1, mass / mass[-1], angles_rad)
+    return np.asarray(np.sqrt(degrees) * np.tan(angle_rad))
 
 
 def _normal_quantiles(fractions: FloatArray) -> FloatArray:

@@ -62,7 +62,7 @@ class Session:
             self._in_flight.send(step, frame, time_s, now_s)
             for sent in self._in_flight.receive(now_s):
                 self._push(sent)
-            yield self.look(time_s, frame)
+            yield self.draw_present(time_s, frame)
 
     def run(self, publish: Publish, stop: threading.Event) -> None:
         """Show views on the wall clock until `stop` is set; a recording starts again at its end.
@@ -75,7 +75,7 @@ class Session:
             with self._pushing(stop):
                 play(publish, stop)
 
-    def look(self, now_s: float, true: ByteArray | None) -> Shown:
+    def draw_present(self, now_s: float, true: ByteArray | None) -> Shown:
         """Predict the present and draw it next to the late image and the true present."""
         late = self._late
         if late is None:
@@ -143,7 +143,7 @@ class Session:
                 frame = self.source.read(step)
                 self._in_flight.send(step, frame, times_s[step], elapsed_s)
             ahead_s = elapsed_s - due_s[step] if is_driven else 0.0
-            publish(self.look(times_s[step] + ahead_s, frame))
+            publish(self.draw_present(times_s[step] + ahead_s, frame))
             if step + 1 == len(times_s):
                 return
             wait_s = due_s[step + 1] - self._elapsed_s()
@@ -157,7 +157,7 @@ class Session:
                 return
             now_s = self._elapsed_s()
             self._in_flight.send(number, frame, now_s, now_s)
-            publish(self.look(now_s, frame))
+            publish(self.draw_present(now_s, frame))
 
     def _push(self, sent: Sent) -> None:
         """Give an image to the predictor, unless a later one has overtaken it."""

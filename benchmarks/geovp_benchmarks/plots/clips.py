@@ -91,17 +91,17 @@ def _draw_paths(
     (lines["past"],) = axes.plot(*truth[: last + 1].T, color="0.85", linewidth=3)
     (lines["ground truth"],) = axes.plot(*truth[last:].T, color="black", linewidth=3)
     styles = line_styles([(label, "") for label in motions])
-    for (label, motion), look in zip(motions.items(), styles, strict=True):
+    for (label, motion), line_style in zip(motions.items(), styles, strict=True):
         poses, scale = motion.past.world_from_cam, 1.0
         length = np.linalg.norm(_from_above(poses, last)[0])
         if not motion.past.is_metric and length > 0:
             scale = float(np.linalg.norm(truth[0]) / length)
             label = f"{label} (scaled to the true path)"
         if len(motion.futures) > 1:
-            look |= {"linewidth": 0.5, "markersize": 2, "alpha": 0.7}
+            line_style |= {"linewidth": 0.5, "markersize": 2, "alpha": 0.7}
         for future in motion.futures:
             points = scale * _from_above(np.concatenate([poses, future]), last)
-            (lines[label],) = axes.plot(*points[last:].T, **look, markevery=(5, 5))
+            (lines[label],) = axes.plot(*points[last:].T, **line_style, markevery=(5, 5))
     (lines["last observed camera"],) = axes.plot(0, 0, ">", color="black", markersize=8)
     axes.set_aspect("equal", adjustable="datalim")
     unit = "m" if actual.is_metric else "the ground truth's unit"

@@ -28,7 +28,7 @@ class Curve:
     values: FloatArray  # [N, F], NaN where there is no value
     clips: Sequence[str]  # [N]
     bounds: Bounds  # of a score
-    look: Mapping[str, Any]  # arguments of `Axes.plot`
+    line_style: Mapping[str, Any]  # arguments of `Axes.plot`
 
     @property
     def mean(self) -> FloatArray:
@@ -54,13 +54,13 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
         # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
         marks = number % spacing, spacing
         num_equal = sum(curve.equals(other) for other in curves[number:])
-        look = {**curve.look, "linewidth": 1.3 * num_equal, "markevery": marks}
-        (lines[curve.label],) = axes.plot(1 + np.arange(num_steps), curve.mean, **look)
+        line_style = {**curve.line_style, "linewidth": 1.3 * num_equal, "markevery": marks}
+        (lines[curve.label],) = axes.plot(1 + np.arange(num_steps), curve.mean, **line_style)
         aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
                 score = Score.of(curve.values[:, step - 1], curve.clips, curve.bounds)
-                axes.vlines(step + aside, score.low, score.high, look["color"], linewidth=0.9)
+                axes.vlines(step + aside, score.low, score.high, line_style["color"], linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     page.add_legend(lines)
     return axes
@@ -133,8 +133,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         values, bounds = material.values(material.reference, metric), UNBOUNDED
         reference = statistics.mean_of_samples(values)[:, None]
     curves = []
-    looks = line_styles(list(methods))
-    for look, ((source, _), method) in zip(looks, methods.items(), strict=True):
+    styles_of_methods = line_styles(list(methods))
+    for line_style, ((source, _), method) in zip(styles_of_methods, methods.items(), strict=True):
         samples = material.values(method, metric) - reference
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method == material.reference or num_steps < min(2, samples.shape[2]):
@@ -147,6 +147,10 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
             num_clips = np.isfinite(values).any(axis=1).sum()
             if num_clips < len(values):
                 label += f" (only {num_clips} of {len(values)} clips)"
-            curves.append(Curve(label, values, material.protocol["clips"], bounds, look))
-            look = {**look, "markerfacecolor": "white", "markeredgecolor": look["color"]}
+            curves.append(Curve(label, values, material.protocol["clips"], bounds, line_style))
+            line_style = {
+                **line_style,
+                "markerfacecolor": "white",
+                "markeredgecolor": line_style["color"],
+            }
     return curves

@@ -117,7 +117,7 @@ def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
         lines = r"\\".join(map(escape, textwrap.wrap(column.heading, 14)))
         return rf"\shortstack[r]{{{lines}}}"
 
-    def cell(method: MethodScores, column: Column) -> str:
+    def entry(method: MethodScores, column: Column) -> str:
         mean, error = table.texts(method, column, r"\textbf{{{}}}")
         if "[" not in error:
             return mean + escape(error)
@@ -127,7 +127,7 @@ def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
     for method in table.methods:
         marks = rf"$^{{\mathrm{{{method.marks}}}}}$" if method.marks else ""
         name = "{}" + escape(method.label) + marks
-        rows.append([name, table.clips(method), *(cell(method, column) for column in columns)])
+        rows.append([name, table.clips(method), *(entry(method, column) for column in columns)])
     head, *body = (rf"{' & '.join(row)} \\" for row in rows)
     return [
         r"\small\setlength{\tabcolsep}{4pt}",

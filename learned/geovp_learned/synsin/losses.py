@@ -21,7 +21,7 @@ from geovp_learned.tensors import sample_images
 
 ContentNet = Literal["alex", "squeeze", "vgg19"]
 
-SSIM_SHARE = 0.85  # Godard et al. 2019, eq. 2
+SSIM_WEIGHT = 0.85  # Godard et al. 2019, eq. 2
 C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
 
 
@@ -69,7 +69,7 @@ def reprojection_loss(
     positions = positions.unflatten(1, size_px)  # [B * V, H, W, 2]
     sampled = sample_images(targets.flatten(0, 1), positions)
     wanted = frames.repeat_interleave(views, dim=0)
-    error = (1 - SSIM_SHARE) * (sampled - wanted).abs().mean(dim=1) + SSIM_SHARE * _dssim(
+    error = (1 - SSIM_WEIGHT) * (sampled - wanted).abs().mean(dim=1) + SSIM_WEIGHT * _dssim(
         sampled, wanted
     )
     inside = (

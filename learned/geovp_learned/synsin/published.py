@@ -25,9 +25,9 @@ REFINEMENT = (1, 2, 4, 4, 2, 2, 2)
 RESAMPLED: tuple[Resample, ...] = ("keep", "down", "down", "keep", "up", "up", "keep", "keep")
 DEPTH = (0.5, 1, 2, 4, 4, 4, 4, 4)  # of the U-Net, after each halving
 NUM_BLOCKS = len(RESAMPLED)
-KEPT: Sequence[Resample] = ["keep"] * NUM_BLOCKS
+SAME_SIZE: Sequence[Resample] = ["keep"] * NUM_BLOCKS
 NOISE_SIZE = 2 * NOISE * NUM_BLOCKS  # of all normalisations of a network of blocks
-DISC_SHARE = 4 / 256  # radius of a point in heights of the image: 4 pixels of 256
+DISC_RADIUS_RATIO = 4 / 256  # radius of a point in heights of the image: 4 pixels of 256
 POINTS_PER_PIXEL = 128
 MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH = (
     0.01,
@@ -37,7 +37,7 @@ MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH = (
 
 def splatter(height_px: int) -> Splatter:
     """Return the paper's splatting of 256x256 images, at the same scale in others."""
-    return Splatter(radius_px=DISC_SHARE * height_px, points_per_pixel=POINTS_PER_PIXEL)
+    return Splatter(radius_px=DISC_RADIUS_RATIO * height_px, points_per_pixel=POINTS_PER_PIXEL)
 
 
 class PublishedGenerator(Generator):
@@ -139,7 +139,7 @@ class Blocks(nn.Module):
     network works at 1/4.
     """
 
-    def __init__(self, channels: Sequence[int], resampled: Sequence[Resample] = KEPT) -> None:
+    def __init__(self, channels: Sequence[int], resampled: Sequence[Resample] = SAME_SIZE) -> None:
         super().__init__()
         pairs = zip(itertools.pairwise(channels), resampled, strict=True)
         self.blocks = nn.ModuleList(Block(a, b, resample) for (a, b), resample in pairs)
