@@ -15,10 +15,11 @@ from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 CostArray = npt.NDArray[np.uint8]
+PackedArray = npt.NDArray[np.int32]
 
 RADIUS_PX = 2  # of a window; a constant, since the kernel writes its sums out
 WINDOW_PX = 2 * RADIUS_PX + 1
-PLANES_PER_TASK = 16  # of a thread
+ROWS_PER_TASK = 32  # of a thread
 
 
 @dataclass(frozen=True)
@@ -46,54 +47,40 @@ class WindowCorrelation:
         inverse_depths: FloatArray,  # [N], of the planes
     ) -> CostArray:
         """Return the costs [H, W, N], averaged over the sources that see a point."""
+        height, width = reference.shape
         num_planes = len(inverse_depths)
-        images = sources.astype(np.float32)
-        windows = self._windows(reference)
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
+        homographies = np.stack([infinity_from_pixel] * num_planes)
+        homographies[..., 2] += inverse_depths[:, None, None] * epipoles
+        windows = self._windows(reference)
+        images = _neighbourhoods(sources)
         near_costs = self._near_costs(num_planes)
-        volume = np.empty((num_planes, *reference.shape), np.uint8)
+        costs = np.empty((height, width, num_planes), np.uint8)
 
-        def match_planes(first: int) -> None:
-            warped = np.empty(reference.shape, np.float32)
+        def match(first: int) -> None:
+            rows = costs[first : first + ROWS_PER_TASK]
+            planes = np.empty((num_planes, *rows.shape[:2]), np.uint8)
+            _match_rows(
+                windows,
+                images,
+                homographies,
+                is_short,
+                self.short_stride,
+                np.float32(self.noise_variance),
+                np.float32(255 - self.max_near_cost),
+                np.uint8(self.unseen_cost),
+                near_costs,
+                first,
+                planes,
+            )
+            # OpenCV transposes in blocks, ten times as fast as NumPy.
+            cv2.transpose(
+                planes.reshape(num_planes, -1), rows.reshape(-1, num_planes)
+            )
 
-            def add_scores(
-                plane: int, is_used: BoolArray, scores: FloatArray
-            ) -> FloatArray:
-                inverse_depth = inverse_depths[min(plane, num_planes - 1)]
-                for s in np.flatnonzero(is_used):
-                    homography = infinity_from_pixel[s].copy()
-                    homography[:, 2] += inverse_depth * epipoles[s]
-                    self._add_source(
-                        windows, images[s], homography, warped, scores
-                    )
-                return scores
-
-            no_scores = np.zeros((2, *reference.shape), np.float32)
-            scores = no_scores.copy()
-            after = add_scores(first, is_short, no_scores.copy())
-            last = min(first + PLANES_PER_TASK, num_planes)
-            for plane in range(first, last):
-                step = plane % self.short_stride
-                if step == 0:
-                    before = after
-                    next_plane = plane + self.short_stride
-                    after = add_scores(next_plane, is_short, no_scores.copy())
-                weight = step / self.short_stride
-                cv2.addWeighted(before, 1 - weight, after, weight, 0, scores)
-                add_scores(plane, ~is_short, scores)
-                _write_mean_costs(
-                    scores,
-                    np.float32(255 - self.max_near_cost),
-                    np.uint8(self.unseen_cost),
-                    near_costs[plane],
-                    volume[plane],
-                )
-
-        parallel_map(match_planes, range(0, num_planes, PLANES_PER_TASK))
-        # OpenCV transposes in blocks, ten times as fast as NumPy.
-        costs = cv2.transpose(volume.reshape(num_planes, -1))
-        return np.asarray(costs, np.uint8).reshape(*reference.shape, num_planes)
+        parallel_map(match, range(0, height, ROWS_PER_TASK))
+        return costs
 
     def is_seen(
         self,
@@ -125,33 +112,157 @@ class WindowCorrelation:
         inverse_deviation = 1 / np.sqrt(variance + self.noise_variance)
         return np.stack([grey, mean, inverse_deviation]).astype(np.float32)
 
-    def _add_source(
-        self,
-        windows: FloatArray,  # [3, H, W]
-        image: FloatArray,  # [H, W]
-        source_from_reference: FloatArray,  # [3, 3]
-        warped: FloatArray,  # [H, W], overwritten by the source image
-        scores: FloatArray,  # [2, H, W], added to
-    ) -> None:
-        """Add one minus the ZNCC where a source sees a pixel, and 1 to the count there."""
-        grey, mean, inverse_deviation = windows
-        cv2.warpPerspective(
-            image,
-            source_from_reference,
-            image.shape[::-1],
-            warped,
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        _add_scores(
-            grey,
-            mean,
-            inverse_deviation,
-            warped,
-            source_from_reference.astype(np.float32),
-            np.float32(self.noise_variance),
+
+def _neighbourhoods(
+    images: ByteArray,  # [S, H, W]
+) -> PackedArray:
+    """Return each pixel with its right, lower and lower right neighbours, as the bytes of a number.
+
+    Bilinear interpolation then reads memory once, not four times.
+    """
+    padded = np.pad(images, ((0, 0), (0, 1), (0, 1)), mode="edge")
+    upper = padded[:, :-1]
+    lower = padded[:, 1:]
+    corners = [upper[..., :-1], upper[..., 1:], lower[..., :-1], lower[..., 1:]]
+    return np.stack(corners, axis=-1).view("<i4")[..., 0]
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _match_rows(
+    windows: FloatArray,  # [3, H, W], of the reference
+    images: PackedArray,  # [S, H, W], the sources
+    homographies: FloatArray,  # [N, S, 3, 3], from the reference to a source
+    is_short: BoolArray,  # [S]
+    short_stride: int,
+    noise_variance: np.float32,
+    max_cost: np.float32,
+    unseen_cost: np.uint8,
+    near_costs: CostArray,  # [N]
+    first: int,  # row
+    costs: CostArray,  # [N, R, W], written
+) -> None:
+    """Write the costs of the rows from the first one, which stay in the processor's cache."""
+    num_planes, num_rows, width = costs.shape
+    zeros = np.zeros((2, num_rows, width), np.float32)
+    before = zeros.copy()
+    after = zeros.copy()
+    scores = zeros.copy()
+    is_long = ~is_short
+    _add_plane(
+        windows, images, homographies[0], is_short, noise_variance, first, after
+    )
+    for plane in range(num_planes):
+        step = plane % short_stride
+        if step == 0:
+            before[:] = after
+            after[:] = zeros
+            end = homographies[min(plane + short_stride, num_planes - 1)]
+            _add_plane(
+                windows, images, end, is_short, noise_variance, first, after
+            )
+        weight = np.float32(step / short_stride)
+        scores[:] = before + weight * (after - before)
+        _add_plane(
+            windows,
+            images,
+            homographies[plane],
+            is_long,
+            noise_variance,
+            first,
             scores,
         )
+        _write_mean_costs(
+            scores, max_cost, unseen_cost, near_costs[plane], costs[plane]
+        )
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _add_plane(
+    windows: FloatArray,  # [3, H, W]
+    images: PackedArray,  # [S, H, W]
+    homographies: FloatArray,  # [S, 3, 3]
+    is_used: BoolArray,  # [S]
+    noise_variance: np.float32,
+    first: int,
+    scores: FloatArray,  # [2, R, W], added to
+) -> None:
+    """Add the scores of some of the sources on one plane."""
+    last = first + scores.shape[1]
+    top = max(first - RADIUS_PX, 0)
+    bottom = min(last + RADIUS_PX, windows.shape[1])
+    warped = np.empty((bottom - top, windows.shape[2]), np.float32)
+    is_seen = np.empty(warped.shape, np.float32)
+    for s in range(len(images)):
+        if is_used[s]:
+            homography = homographies[s].copy()
+            homography[:, 2] += top * homography[:, 1]
+            source_from_band = homography.astype(np.float32)
+            _warp(images[s], source_from_band, warped, is_seen)
+            _add_scores(
+                windows[0, top:bottom],
+                windows[1, first:last],
+                windows[2, first:last],
+                warped,
+                is_seen,
+                noise_variance,
+                first - top,
+                scores,
+            )
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _warp(
+    image: PackedArray,  # [H, W]
+    source_from_band: FloatArray,  # [3, 3]
+    warped: FloatArray,  # [B, W], written
+    is_seen: FloatArray,  # [B, W], written: 1 where the image sees a pixel, else 0
+) -> None:
+    """Warp an image bilinearly; its border continues outside.
+
+    This takes a third of the time of `cv2.warpPerspective`. Each loop is simple enough to be
+    vectorised.
+    """
+    num_rows, width = warped.shape
+    h = source_from_band
+    flat = image.reshape(-1)
+    last_u = np.float32(width - 1)
+    last_v = np.float32(image.shape[0] - 1)
+    min_z = np.float32(1e-6)
+    zero = np.float32(0)
+    half = np.float32(0.5)
+    unit = np.float32(1)
+    byte = np.int32(255)
+    indices = np.empty(width, np.int32)
+    fraction_u = np.empty(width, np.float32)
+    fraction_v = np.empty(width, np.float32)
+    for row in range(num_rows):
+        row_u = h[0, 1] * np.float32(row) + h[0, 2]
+        row_v = h[1, 1] * np.float32(row) + h[1, 2]
+        row_z = h[2, 1] * np.float32(row) + h[2, 2]
+        for x in range(width):
+            per_z = unit / max(h[2, 0] * np.float32(x) + row_z, min_z)
+            u = (h[0, 0] * np.float32(x) + row_u) * per_z
+            v = (h[1, 0] * np.float32(x) + row_v) * per_z
+            inner_u = min(max(u, zero), last_u)
+            inner_v = min(max(v, zero), last_v)
+            is_inside = max(abs(u - inner_u), abs(v - inner_v)) < half
+            is_seen[row, x] = unit if is_inside else zero
+            left = np.int32(inner_u)
+            top = np.int32(inner_v)
+            fraction_u[x] = inner_u - np.float32(left)
+            fraction_v[x] = inner_v - np.float32(top)
+            indices[x] = top * np.int32(width) + left
+        for x in range(width):
+            indices[x] = flat[np.uint64(indices[x])]
+        for x in range(width):
+            corners = indices[x]
+            top_left = np.float32(np.int32(corners & byte))
+            top_right = np.float32(np.int32((corners >> 8) & byte))
+            bottom_left = np.float32(np.int32((corners >> 16) & byte))
+            bottom_right = np.float32(np.int32((corners >> 24) & byte))
+            upper = top_left + fraction_u[x] * (top_right - top_left)
+            lower = bottom_left + fraction_u[x] * (bottom_right - bottom_left)
+            warped[row, x] = upper + fraction_v[x] * (lower - upper)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -173,38 +284,33 @@ def _write_mean_costs(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _add_scores(
-    reference: FloatArray,  # [H, W]
-    window_mean: FloatArray,  # [H, W], of the reference
-    inverse_deviation: FloatArray,  # [H, W], of the reference
-    warped: FloatArray,  # [H, W], source image
-    source_from_reference: FloatArray,  # [3, 3]
+    reference: FloatArray,  # [B, W], a band of rows
+    window_mean: FloatArray,  # [R, W], of the reference
+    inverse_deviation: FloatArray,  # [R, W], of the reference
+    warped: FloatArray,  # [B, W], source image
+    is_seen: FloatArray,  # [B, W], 1 where the source sees a pixel, else 0
     noise_variance: np.float32,
-    scores: FloatArray,  # [2, H, W], added to
+    first: int,  # of the scored rows, in the band
+    scores: FloatArray,  # [2, R, W], added to
 ) -> None:
     """Add one minus the ZNCC where the source sees a pixel, and 1 to the count there."""
-    height, width = warped.shape
+    _, num_rows, width = scores.shape
     zero = np.float32(0)
     unit = np.float32(1)
-    half = np.float32(0.5)
     num_pixels = np.float32(WINDOW_PX * WINDOW_PX)
-    h = source_from_reference
-    last_u = np.float32(width) - half
-    last_v = np.float32(height) - half
     # Sums of each column over the five rows of the window, with a margin on either side.
     columns = np.zeros((3, width + 2 * RADIUS_PX), np.float32)
     values, squares, products = columns
-    for i in range(-RADIUS_PX, RADIUS_PX):
-        _add_row(reference, warped, i, unit, columns)
-    for row in range(height):
-        _add_row(reference, warped, row + RADIUS_PX, unit, columns)
+    for row in range(first - RADIUS_PX, first + RADIUS_PX):
+        _add_row(reference, warped, row, unit, columns)
+    for row in range(num_rows):
+        middle = first + row
+        _add_row(reference, warped, middle + RADIUS_PX, unit, columns)
         if row > 0:
-            _add_row(reference, warped, row - RADIUS_PX - 1, -unit, columns)
+            _add_row(reference, warped, middle - RADIUS_PX - 1, -unit, columns)
         for k in range(3):
             columns[k, :RADIUS_PX] = columns[k, RADIUS_PX]
             columns[k, -RADIUS_PX:] = columns[k, -RADIUS_PX - 1]
-        row_u = h[0, 1] * np.float32(row) + h[0, 2]
-        row_v = h[1, 1] * np.float32(row) + h[1, 2]
-        row_z = h[2, 1] * np.float32(row) + h[2, 2]
         for x in range(width):
             mean = _window_sum(values, x) / num_pixels
             mean_square = _window_sum(squares, x) / num_pixels
@@ -214,12 +320,7 @@ def _add_scores(
             correlation = (
                 covariance * inverse_deviation[row, x] / np.sqrt(variance)
             )
-            u = h[0, 0] * np.float32(x) + row_u
-            v = h[1, 0] * np.float32(x) + row_v
-            z = h[2, 0] * np.float32(x) + row_z
-            is_inside_u = (u > -half * z) & (u < last_u * z)
-            is_inside_v = (v > -half * z) & (v < last_v * z)
-            weight = unit if is_inside_u & is_inside_v else zero
+            weight = is_seen[middle, x]
             scores[0, row, x] += weight * min(
                 max(unit - correlation, zero), unit
             )
@@ -228,9 +329,9 @@ def _add_scores(
 
 @numba.njit(nogil=True, inline="always")
 def _add_row(
-    reference: FloatArray,  # [H, W]
-    warped: FloatArray,  # [H, W]
-    row: int,  # the first or last one is repeated outside the image
+    reference: FloatArray,  # [B, W]
+    warped: FloatArray,  # [B, W]
+    row: int,  # the first or last one is repeated outside the band
     sign: np.float32,
     columns: FloatArray,  # [3, W + 4], of values, squares and products; added to
 ) -> None:
