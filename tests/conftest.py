@@ -15,12 +15,12 @@ import bag_files
 import cv2
 import numpy as np
 import pytest
+import street
 from hypothesis import settings
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import geovp_classic
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import MissingExtra
@@ -99,8 +99,9 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
                 inputs["mask"] = [1, 1, 32, 32]
             settings["path"] = str(_write_onnx(tmp_path / "tiny.onnx", inputs))
         if name == "recorded" and role == "predictors":
-            (tmp_path / clip.name).parent.mkdir()
-            np.savez(tmp_path / f"{clip.name}.npz", frames=clip.frames[6:])
+            for path in (clip.name, "seed0-straight/000", "seed0-stand/000"):
+                (tmp_path / path).parent.mkdir()
+                np.savez(tmp_path / f"{path}.npz", frames=clip.frames[6:])
             settings["path"] = str(tmp_path)
         try:
             return registry.build(role, settings)

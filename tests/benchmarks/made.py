@@ -10,8 +10,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.progress import no_progress

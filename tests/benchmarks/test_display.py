@@ -8,8 +8,8 @@ import av
 import cv2
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.display import drawing
 from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.display.commands import Driver, PlannedCommands

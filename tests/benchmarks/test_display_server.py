@@ -16,8 +16,8 @@ from typing import Any, cast
 import cv2
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.display.channel import Channel
 from geovp_benchmarks.display.commands import Driver, PlannedCommands
 from geovp_benchmarks.display.session import Publish, Session, Shown

@@ -11,10 +11,10 @@ import numpy as np
 import open3d as o3d
 import pycolmap
 import pytest
+import street
 from PIL import Image
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.predict import exports, prediction

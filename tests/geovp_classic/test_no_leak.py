@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.audit.contracts.checks import has_context
 from geovp_benchmarks.audit.contracts.outputs import Trial
 from geovp_classic import registry

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import street
 import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.audit import contracts
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running import task
 from geovp_classic import registry

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import street
 import torch
 from torch.utils.data import default_collate
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.deepvo.windows import NO_AUGMENTATION

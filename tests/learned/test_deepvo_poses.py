@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import street
 import torch
 
-from geovp_benchmarks.audit.contracts import check, street
+from geovp_benchmarks.audit.contracts import check
 from geovp_classic import registry
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints

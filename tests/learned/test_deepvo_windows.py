@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import street
 import torch
 from torch.utils.data import default_collate
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray
 from geovp_learned.deepvo import windows

@@ -10,7 +10,8 @@ pytest.importorskip("onnx", reason=f"onnx is {WITH}")
 pytest.importorskip("onnxscript", reason=f"onnxscript is {WITH}")
 onnxruntime = pytest.importorskip("onnxruntime", reason=f"onnxruntime is {WITH}")
 
-from geovp_benchmarks.audit.contracts import street  # noqa: E402
+import street  # noqa: E402
+
 from geovp_classic.types import FloatArray  # noqa: E402
 from geovp_learned import __main__ as command  # noqa: E402
 from geovp_learned import export, lpips  # noqa: E402

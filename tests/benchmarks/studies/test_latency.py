@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import planar
 from geovp_classic.streaming.commands import commanded_poses
 from geovp_classic.types import Clip

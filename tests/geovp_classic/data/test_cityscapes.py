@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import api
 from geovp_classic.data import cityscapes
 from geovp_classic.data.cityscapes import Cityscapes

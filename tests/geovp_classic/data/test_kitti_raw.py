@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.data import kitti_raw
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.findings import RAISE

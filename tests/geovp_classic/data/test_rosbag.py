@@ -8,10 +8,10 @@ from typing import Any
 import bag_files
 import numpy as np
 import pytest
+import street
 from bag_files import START_NS, Edit, Messages
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import api
 from geovp_classic.data import bags
 from geovp_classic.data.doctor import Doctor

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.depth.alignment import DepthAlignment
 from geovp_classic.depth.hybrid import Hybrid
 from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory

@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.data.frames import image_files, read_image
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting import constant

@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import FloatArray

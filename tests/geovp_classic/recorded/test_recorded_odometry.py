@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.streaming import Command, LivePredictor, LiveView

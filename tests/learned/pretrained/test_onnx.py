@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import street
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput, Views

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import street
 import torch
 from torch import nn
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Clip
 from geovp_learned.methods import Losses

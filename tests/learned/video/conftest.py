@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+import street
 import torch
 from torch import Tensor
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic.types import ByteArray
 from geovp_learned.video import slamp, srvp, svg, training
 from geovp_learned.video.autoencoder import AutoencoderConfig

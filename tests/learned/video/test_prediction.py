@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import street
 import torch
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import Context, PrivilegedInput

@@ -1,17 +1,18 @@
-"""Promises of the components of each role, tested on a small rendered street."""
+"""Promises of the components of each role, tested on clips of the synthetic street."""
 
 import copy
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.audit.contracts import street
 from geovp_benchmarks.audit.contracts.outputs import Trial, arrays, equal, require
 from geovp_classic import registry
+from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.errors import Incompatible
-from geovp_classic.types import PrivilegedInput
+from geovp_classic.types import Clip, PrivilegedInput
 
 
 @dataclass(frozen=True)
@@ -27,17 +28,14 @@ class Finding:
 Promise = Callable[[Trial], str | None]
 
 
-def check(role: str, component: Any, size_px: int = 128) -> list[Finding]:
+def check(role: str, component: Any) -> list[Finding]:
     """Test each promise of a component's role; errors that the component raises are findings.
 
-    The test clip is a rendered street of `size_px` x `size_px` pixels. Executors and scales are
-    described and built again only. Raises UnknownComponent for an unknown role.
+    Executors and scales are described and built again only. Raises UnknownComponent for an unknown
+    role.
     """
     registry.names(role)
-    drive, stop = (
-        street.clip(step_m=step_m, size_px=size_px).split(6, ~PrivilegedInput.NONE)[0]
-        for step_m in (0.5, 0.0)
-    )
+    drive, stop = (clip(number).split(6, ~PrivilegedInput.NONE)[0] for number in (0, 7))
     trial = Trial(role, component, drive)
     findings = [_test(name, promise, trial) for name, promise in _promises(role)]
     if has_context(role) or role == "forecasters":
@@ -48,6 +46,15 @@ def check(role: str, component: Any, size_px: int = 128) -> list[Finding]:
             varied = replace(trial, truth=truth)
             findings.append(_test(f"accepts or refuses {name}", _runs_or_refuses, varied))
     return findings
+
+
+@functools.cache
+def clip(number: int) -> Clip:
+    """Return a clip with all ground truth: 0 drives straight ahead, 7 is stationary."""
+    size_px = (128, 128)
+    return Synthetic(num_clips=8, num_frames=10, size_px=size_px, with_full=True, with_right=True)[
+        number
+    ]
 
 
 def has_context(role: str) -> bool:
