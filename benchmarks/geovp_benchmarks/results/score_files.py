@@ -8,9 +8,9 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
-import os
 import time
 import traceback
+import uuid
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -98,56 +98,45 @@ class ScoreFiles:
         return records, [path for path in paths if self._opened[path] is None]
 
     def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> dict[str, Scores]:
-        """Return all scores of these clips by method; raise BadData if one is stored twice."""
+        """Return all scores of these clips by method."""
         if not records:
             return {}
-        rows, database = self._rows(records, clips), self._database
-        database.execute(  # all scores in one array: where those of a method and metric start
+        self._select(records, clips)
+        self._database.execute(  # all scores in one array: where those of a method and metric end
             "CREATE OR REPLACE TABLE extents AS WITH sizes AS ("
             "SELECT method, metric, max(max(sample) + 1) OVER (PARTITION BY method) AS samples, "
-            f"max(max(step)) OVER (PARTITION BY method) AS steps FROM {rows} GROUP BY 1, 2) "
-            "SELECT *, (sum(samples * steps) OVER (ORDER BY method, metric) - samples * steps)"
-            "::BIGINT * $clips AS start FROM sizes",
+            "max(max(step)) OVER (PARTITION BY method) AS steps, "
+            "($clips * samples * steps)::BIGINT AS size FROM selected GROUP BY 1, 2) "
+            "SELECT *, (sum(size) OVER (ORDER BY method, metric))::BIGINT AS stop FROM sizes",
             {"clips": len(clips)},
         )
-        columns = database.execute(
-            "SELECT start + (number * samples + sample) * steps + step - 1 AS place, "
-            f"coalesce(value, 'nan') AS value FROM {rows} JOIN extents USING (method, metric)"
+        extents = self._database.execute("FROM extents ORDER BY stop").fetchall()
+        columns = self._database.execute(
+            "SELECT stop - size + (number * samples + sample) * steps + step - 1 AS place, "
+            "coalesce(value, 'nan') AS value FROM selected JOIN extents USING (method, metric)"
         ).fetchnumpy()
-        extents = database.execute("FROM extents ORDER BY start").fetchall()
-        size = sum(len(clips) * samples * steps for _, _, samples, steps, _ in extents)
-        is_stored, values = np.zeros(size, bool), np.full(size, np.nan)
-        is_stored[columns["place"]] = True
-        if np.count_nonzero(is_stored) < len(columns["place"]):
-            raise BadData(f"{self.root} has two scores of one frame: run again")
+        values = np.full(sum(size for *_, size, _ in extents), np.nan)
         values[columns["place"]] = columns["value"]
         by_method: dict[str, dict[str, FloatArray]] = {}
-        for method, metric, samples, steps, start in extents:
-            of_metric = values[start : start + len(clips) * samples * steps]
-            shaped = of_metric.reshape(len(clips), samples, steps)
+        for method, metric, samples, steps, size, stop in extents:
+            shaped = values[stop - size : stop].reshape(len(clips), samples, steps)
             by_method.setdefault(method, {})[metric] = shaped
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
     def facts(self, records: Iterable[ScoreRecord]) -> dict[str, dict[str, float]]:
         """Return the facts of all clips in the files of some records; see Scores."""
-        paths = {record.path for record in records}
-        stored = [json.loads(text) for _, text in self._metadata(paths)] if paths else []
-        return {
-            clip: facts
-            for records in stored
-            for record in records
-            for clip, facts in record.get("facts", {}).items()
-        }
+        facts: dict[str, dict[str, float]] = {}
+        for _, text in self._metadata({record.path for record in records}):
+            for record in json.loads(text):
+                facts |= record.get("facts", {})
+        return facts
 
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
         kinds = {"clip": object, "sample": int, "step": int, "metric": object, "value": float}
-        columns: dict[str, Any] = {
-            name: np.array([row[place] for row in rows], kind)
-            for place, (name, kind) in enumerate(kinds.items())
-        }
-        self._database.register("scores", columns)
+        table = np.array(rows, list(kinds.items()))
+        self._database.register("scores", {name: table[name].copy() for name in kinds})
         query = (
             f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, "
             "sample::INTEGER AS sample, step::INTEGER AS step, metric::VARCHAR AS metric, "
@@ -156,7 +145,6 @@ class ScoreFiles:
         now = time.time_ns()
         facts = {clip: numbers for scores, _ in scored for clip, numbers in scores.facts.items()}
         self._copy(query, method, [replace(record, written_ns=now) for _, record in scored], facts)
-        self._database.unregister("scores")
 
     def merge(self, method: str, fingerprint: str) -> None:
         """Merge the score files of one fingerprint in the folder of a method."""
@@ -170,9 +158,9 @@ class ScoreFiles:
         if len(paths) < 2:
             return
         latest = newest(records, {clip for record in records for clip in record.clips})
-        rows = self._rows(latest, [clip for record in latest for clip in record.clips])
+        self._select(latest, [clip for record in latest for clip in record.clips])
         query = (
-            f"SELECT method, clip, sample, step, metric, value FROM {rows} "
+            "SELECT method, clip, sample, step, metric, value FROM selected "
             "ORDER BY number, metric, sample, step"
         )
         merged = self._copy(query, method, latest, self.facts(latest))
@@ -183,17 +171,18 @@ class ScoreFiles:
         """Compare files with the hashes in their names, and read the records in their metadata."""
         self._opened |= dict.fromkeys(paths)
         sound = [path for path in paths if path.stem == f"part-{_digest(path)}"]
-        for name, text in self._metadata(sound) if sound else ():
+        for name, text in self._metadata(sound):
             records, path = RECORDS.validate_json(text), Path(name)
             self._opened[path] = [replace(record, path=path) for record in records]
 
-    def _metadata(self, paths: Iterable[Path]) -> list[tuple[str, str]]:
+    def _metadata(self, paths: Collection[Path]) -> list[tuple[str, str]]:
         """Return the names and the records of files, as they are stored."""
-        query = f"SELECT file_name, value FROM parquet_kv_metadata({_listed(paths)})"
-        return self._database.execute(f"{query} WHERE key = 'geovp'").fetchall()
+        query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = 'geovp'"
+        found = {"paths": [*map(str, paths)]}
+        return self._database.execute(query, found).fetchall() if paths else []
 
-    def _rows(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> str:
-        """Return the relation of the rows of some clips, with their `number`."""
+    def _select(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> None:
+        """Define the view `selected` of the rows of some clips, with their `number`."""
         numbers = {clip: number for number, clip in enumerate(clips)}
         names = [clip for record in records for clip in record.clips]
         counts = [len(record.clips) for record in records]
@@ -204,14 +193,14 @@ class ScoreFiles:
             "number": np.array([numbers[clip] for clip in names]),
         }
         self._database.register("entries", columns)
+        paths = {str(record.path) for record in records}
+        self._database.read_parquet([*paths], filename=True).create_view("files")
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
             "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
-            "FROM entries"
+            "FROM entries; CREATE OR REPLACE VIEW selected AS FROM files JOIN wanted "
+            "USING (filename, method, clip)"
         )
-        paths = {record.path for record in records}
-        keys = "filename, method, clip" if len(paths) > 1 else "method, clip"
-        return f"read_parquet({_listed(paths)}, filename = true) JOIN wanted USING ({keys})"
 
     def _copy(
         self, query: str, method: str, records: Iterable[ScoreRecord], facts: Mapping[str, Any]
@@ -223,7 +212,7 @@ class ScoreFiles:
         about = json.dumps(stored)
         folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
-        scratch = folder / f".{hashlib.sha256(about.encode()).hexdigest()[:16]}.{os.getpid()}.part"
+        scratch = folder / f".{uuid.uuid4()}.part"
         try:
             self._database.execute(
                 f"COPY ({query}) TO '{_quoted(scratch)}' "
@@ -275,12 +264,6 @@ def _joined(records: Iterable[ScoreRecord]) -> list[ScoreRecord]:
             )
         )
     return joined
-
-
-def _listed(paths: Iterable[Path]) -> str:
-    """Return paths as a list in SQL."""
-    names = ", ".join(f"'{_quoted(path)}'" for path in paths)
-    return f"[{names}]"
 
 
 def _digest(path: Path) -> str:
