@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
+from geovp_benchmarks.results.stored_facts import facts_of
 from geovp_benchmarks.results.validation import validated
 from geovp_benchmarks.running.task import Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
@@ -48,27 +49,28 @@ class Verdict:
 
     def sentence(self, tolerance: float, max_metrics: int = 3) -> str:
         """Return the verdict in words, with the largest differences and their units."""
-        words = [f"{name} cannot be compared" for name in self.unavailable] + [*self.remarks]
-        metrics = self.pair.results.protocol()["metrics"]
         ordered = sorted(self.differences.items(), key=lambda item: -item[1])
         listed = []
         for name, difference in ordered[:max_metrics]:
-            unit = metrics.get(name.partition("@")[0], {}).get("unit", "")
+            unit = facts_of(name, self.pair.results.protocol()).get("unit", "")
             listed.append(f"{name} {difference:.3g} {unit}".rstrip())
         if len(ordered) > max_metrics:
             listed.append(f"{len(ordered) - max_metrics} more")
+        outcome = "identical"
         if self.failure is not None:
-            words.insert(0, f"cannot be computed here: {self.failure}")
+            outcome = f"cannot be computed here: {self.failure}"
         elif listed:
             agreement = "within the tolerance" if self.reproduces(tolerance) else "differs"
-            words.insert(0, f"{agreement}: {', '.join(listed)}")
-        else:
-            words.insert(0, "identical")
-        return f"{self.pair.method.label}, {self.pair.clip}: {'; '.join(words)}"
+            outcome = f"{agreement}: {', '.join(listed)}"
+        words = [outcome, *(f"{name} cannot be compared" for name in self.unavailable)]
+        return f"{self.pair.method.label}, {self.pair.clip}: {'; '.join([*words, *self.remarks])}"
 
 
-def sample(results: Results, count: int, seed: int) -> list[Pair]:
-    """Draw pairs of method and clip without replacement, in the order of the folder."""
+def sample(results: Results, count: int, seed: int, root: Path | None) -> list[Pair]:
+    """Draw pairs of method and clip without replacement, in the order of the folder.
+
+    Raises BadData unless the data set is available with the same frames.
+    """
     pairs = [
         Pair(results, method, record, clip)
         for method in results.methods()
@@ -82,38 +84,33 @@ def sample(results: Results, count: int, seed: int) -> list[Pair]:
         )
     rng = np.random.default_rng(seed)
     indices = rng.choice(len(pairs), min(count, len(pairs)), replace=False)
-    return [pairs[index] for index in sorted(indices)]
-
-
-def check_dataset(results: Results, root: Path | None) -> None:
-    """Raise BadData unless the data set is available with the same frames."""
     stored = results.protocol()["split_hash"]
-    dataset = _matrix(results, root).build_dataset(PrivilegedInput.NONE)
+    dataset = _matrix(pairs[0], root).build_dataset(PrivilegedInput.NONE)
     split_hash = str(getattr(dataset, "split_hash", ""))
     if split_hash != stored:
         raise BadData(
             f"the data set here has the split hash {split_hash or 'none'}, the results were "
             f"computed on {stored or 'none'}: give the same data with --root"
         )
+    return [pairs[index] for index in sorted(indices)]
 
 
 def verify(pair: Pair, root: Path | None = None) -> Verdict:
     """Recompute stored scores, twice if they differ; nothing is written into the results."""
     announce(f"{pair.clip}, {pair.method.label}")
     try:
-        matrix = _matrix(pair.results, root, pair)
+        matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
         (plan,) = matrix.methods
         for component in built.methods[plan].values():
             if isinstance(component, Failure):
                 raise GeovpError(component.reason)
         recomputed = _recompute(pair, matrix)
-        stored = _values(pair.results.scores(pair.method.name), pair.clip)
-        reasons = {name: built.metrics.about[name]["unavailable"] for name in pair.record.metrics}
-        unavailable = {name: reason for name, reason in reasons.items() if reason}
+        stored = replace(pair.results, subset=frozenset({pair.clip})).scores(pair.method.name)
+        unavailable = built.metrics.unavailable
         differences = {
             name: difference
-            for name, difference in _differences(stored, recomputed).items()
+            for name, difference in _differences(_values(stored), recomputed).items()
             if name.partition("@")[0] not in unavailable
         }
         remarks = []
@@ -134,19 +131,19 @@ def other_versions(results: Results) -> Iterator[str]:
             yield f"{name}: stored with {stored.get(name, 'none')}, here {here.get(name, 'none')}"
 
 
-def _matrix(results: Results, root: Path | None, pair: Pair | None = None) -> Matrix:
-    """Return the matrix of one method with its resolved settings, or of the protocol alone."""
-    protocol = results.protocol()
+def _matrix(pair: Pair, root: Path | None) -> Matrix:
+    """Return the matrix of one method with its resolved settings."""
+    protocol, method = pair.results.protocol(), pair.method
     keys = ("name", "dataset", "num_past", "num_future", "size_px", "stride")
-    fields = {key: protocol[key] for key in keys}
-    fields |= {"frame_metrics": {}, "trajectory_metrics": {}}
-    if pair is not None:
-        fields["num_samples"] = pair.method.num_samples
-        for role, spec in pair.method.components.items():
-            name = getattr(pair.method, role, pair.method.name)
-            fields[f"{role}s"] = {name: spec}
-        for name, spec in pair.record.metrics.items():
-            fields[f"{protocol['metrics'][name]['role']}_metrics"][name] = spec
+    fields = {key: protocol[key] for key in keys} | {"num_samples": method.num_samples}
+    for role, spec in method.components.items():
+        fields[f"{role}s"] = {getattr(method, role, method.name): spec}
+    for kind in ("frame", "trajectory"):
+        fields[f"{kind}_metrics"] = {
+            name: spec
+            for name, spec in pair.record.metrics.items()
+            if protocol["metrics"][name]["role"] == kind
+        }
     return validated(Matrix, fields, "protocol.json").with_root(root)
 
 
@@ -158,17 +155,15 @@ def _recompute(pair: Pair, matrix: Matrix) -> Values:
     [(scores, record)] = score_clip(task)
     if record.failures and pair.clip not in pair.record.failures:
         raise GeovpError(record.failures[pair.clip].reason)
-    return _values(scores, pair.clip)
+    return _values(scores)
 
 
-def _values(scores: Scores, clip: str) -> Values:
+def _values(scores: Scores) -> Values:
     """Return the scores of a clip."""
-    number = list(scores.clips).index(clip)
     return {
-        (name, *place): float(value)
-        for name, values in scores.values.items()
-        for place, value in np.ndenumerate(values[number])
-        if not np.isnan(value)
+        (metric, sample, step): value
+        for _, sample, step, metric, value in scores.rows()
+        if not math.isnan(value)
     }
 
 
@@ -176,8 +171,7 @@ def _differences(stored: Values, recomputed: Values) -> dict[str, float]:
     """Return the largest difference of each metric with values that are not identical."""
     differences: dict[str, float] = {}
     for key in stored.keys() | recomputed.keys():
-        is_in_both = key in stored and key in recomputed
-        difference = abs(stored[key] - recomputed[key]) if is_in_both else math.inf
+        difference = abs(stored.get(key, math.inf) - recomputed.get(key, math.inf))
         if difference > 0:
             differences[key[0]] = max(differences.get(key[0], 0.0), difference)
     return differences

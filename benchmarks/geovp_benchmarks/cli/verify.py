@@ -32,8 +32,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
 
     pairs = []
     for results in Results(args.folder).by_dataset().values():
-        pairs += verification.sample(results, args.pairs, args.seed)
-        verification.check_dataset(results, args.root)
+        pairs += verification.sample(results, args.pairs, args.seed, args.root)
     good = 0
     unavailable: dict[str, str] = {}
     for pair in tracked(pairs, len(pairs), progress):

@@ -125,9 +125,7 @@ def read_method(
     num_clips = len(range(len(dataset))[:limit])
     metrics = Metrics.build(matrix.frame_metrics, {}, matrix.size_px)
     unavailable = [
-        f"{name} is unavailable: {facts['unavailable']}"
-        for name, facts in metrics.about.items()
-        if facts["unavailable"]
+        f"{name} is unavailable: {reason}" for name, reason in metrics.unavailable.items()
     ]
     if not metrics.frame:
         raise BadData("; ".join(unavailable) or "no frame metric: name one in [metrics]")

@@ -178,8 +178,8 @@ class ScoreFiles:
     def _metadata(self, paths: Collection[Path]) -> list[tuple[str, str]]:
         """Return the names and the records of files, as they are stored."""
         query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = 'geovp'"
-        found = {"paths": [*map(str, paths)]}
-        return self._database.execute(query, found).fetchall() if paths else []
+        values = {"paths": [*map(str, paths)]}
+        return self._database.execute(query, values).fetchall() if paths else []
 
     def _select(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> None:
         """Define the view `selected` of the rows of some clips, with their `number`."""

@@ -70,6 +70,13 @@ class Metrics:
             about[name] |= {"higher_is_better": None, "unavailable": None, "definition": definition}
         return cls(**built, about=about)
 
+    @property
+    def unavailable(self) -> dict[str, str]:
+        """Return why metrics cannot be computed here."""
+        return {
+            name: facts["unavailable"] for name, facts in self.about.items() if facts["unavailable"]
+        }
+
     @cached_property
     def described(self) -> dict[str, Any]:
         """Return the resolved settings of the metrics."""

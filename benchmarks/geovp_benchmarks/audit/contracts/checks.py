@@ -24,8 +24,8 @@ class Finding:
     detail: str = ""  # the error, or a remark
 
 
-# Returns a remark, or raises an error if it is broken.
-Promise = Callable[[Trial], str | None]
+# Returns a remark as a text, or raises an error if it is broken.
+Promise = Callable[[Trial], object]
 
 
 def check(role: str, component: Any) -> list[Finding]:
@@ -68,13 +68,16 @@ def _promises(role: str) -> Iterator[tuple[str, Promise]]:
     yield "is a frozen dataclass", _is_frozen
     yield "can be described and built again", _is_described
     if role not in ("scales", "executors"):
-        yield "returns valid outputs", _returns_valid_outputs
+        yield "returns valid outputs", Trial.run
         yield "is deterministic", _is_deterministic
         yield "does not change its input", _keeps_input
     if has_context(role):
         yield "uses only its privileged inputs", _uses_only_its_needs
     if role in ("pose_sources", "forecasters", "predictors"):
-        yield "returns the requested number of samples", _returns_samples
+        yield (
+            "returns the requested number of samples",
+            lambda trial: Trial.run(replace(trial, num_samples=3)),
+        )
     if role == "renderers":
         yield "renders each view from its own pose and time alone", _views_are_independent
 
@@ -82,7 +85,8 @@ def _promises(role: str) -> Iterator[tuple[str, Promise]]:
 def _test(name: str, promise: Promise, trial: Trial) -> Finding:
     """Return the finding of one promise."""
     try:
-        return Finding(name, True, promise(trial) or "")
+        remark = promise(trial)
+        return Finding(name, True, remark if isinstance(remark, str) else "")
     except (Exception, SystemExit) as error:  # any error of a plug-in is a finding
         return Finding(name, False, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
@@ -111,11 +115,6 @@ def _is_described(trial: Trial) -> None:
     require(rebuilt == table, f"{table} builds a component that is described as {rebuilt}")
 
 
-def _returns_valid_outputs(trial: Trial) -> None:
-    """Require outputs that the trial accepts."""
-    trial.run()
-
-
 def _is_deterministic(trial: Trial) -> None:
     """Require equal outputs of two runs."""
     same = equal(trial.run(), trial.run())
@@ -136,11 +135,6 @@ def _uses_only_its_needs(trial: Trial) -> None:
     require(same, f"its output depends on more inputs than {trial.component.needs}")
 
 
-def _returns_samples(trial: Trial) -> None:
-    """Require three samples if three are requested."""
-    replace(trial, num_samples=3).run()
-
-
 def _views_are_independent(trial: Trial) -> None:
     """Require the same views in another order and alone as of all poses together."""
     truth = trial.truth
@@ -155,10 +149,10 @@ def _views_are_independent(trial: Trial) -> None:
         require(same, "views change with other poses: each depends on its own pose and time alone")
 
 
-def _runs_or_refuses(trial: Trial) -> str | None:
+def _runs_or_refuses(trial: Trial) -> str:
     """Require valid outputs, or the error Incompatible."""
     try:
         trial.run()
     except Incompatible as refusal:
         return f"refuses: {refusal}"
-    return None
+    return ""
