@@ -33,7 +33,7 @@ SHARED: dict[str, tuple[Any, ...]] = {  # arguments of `add`
     ),
     "--keep": (
         "CLIPS",
-        "Clips kept for figures: a number, all, names with commas, or worst:METRIC. Default: 4.",
+        "Clips kept for figures: a number, all, or names with commas. Default: 4.",
         "4",
     ),
     "--workers": (

@@ -1,8 +1,7 @@
 """Compute the missing results of a matrix.
 
 A run can be interrupted at any moment; the same command continues it. Methods of earlier runs in
-the same folder stay when --methods selects others. --keep worst:METRIC and best:METRIC keep three
-clips by the scores of the first complete method; all methods predict these clips once more.
+the same folder stay when --methods selects others.
 
 Examples:
   geovp run demo

@@ -1,17 +1,18 @@
 """Plan of a run: the clips, the records of protocol and methods, and what each method lacks."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from geovp_benchmarks.matrix.components import code_hash, weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.selection import Selection, select
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -34,7 +35,7 @@ class Plan:
     built: BuiltMatrix
     results: Results
     clips: Sequence[str]
-    selection: Selection
+    keep: Set[str]  # clips whose predictions are stored
     is_fresh: bool  # whether to recompute what another version of the code computed
 
     @cached_property
@@ -62,7 +63,6 @@ class Plan:
             "metrics": built.metrics.about,
             "methods": self._methods(fingerprint),
             "clips": list(self.clips),
-            "kept": asdict(self.selection) if self.selection.by else None,
             "fingerprint": fingerprint,
             "versions": versions(),
         }
@@ -132,7 +132,7 @@ class Plan:
                 missing.difference_update(scored.clips)
                 failures = scored.failures.items() if retry_failed else ()
                 missing |= {clip for clip, failure in failures if failure.status == "failed"}
-        return missing | (set(self.selection.clips) - predicted)
+        return missing | (self.keep - predicted)
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
@@ -144,7 +144,25 @@ class Plan:
                 if clip in lacking
             }
             if fingerprints:
-                yield Task(matrix, root, index, clip, fingerprints, clip in self.selection.clips)
+                yield Task(matrix, root, index, clip, fingerprints, clip in self.keep)
+
+
+def select(keep: str, clips: Sequence[str]) -> set[str]:
+    """Return the clips of a number, "all", or names with commas; raise BadData for other words."""
+    if keep == "all":
+        return set(clips)
+    if keep == "1":
+        return {clips[len(clips) // 2]}
+    if keep.isdecimal():
+        indices = np.linspace(0, len(clips) - 1, min(int(keep), len(clips))).round().astype(int)
+        return {clips[index] for index in indices}
+    names = set(keep.split(","))
+    if unknown := names.difference(clips):
+        raise BadData(
+            f"--keep {keep}: expected a number, all or names of clips; {min(unknown)!r} is not "
+            f"among {clips[0]} to {clips[-1]}"
+        )
+    return names
 
 
 def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
@@ -156,7 +174,7 @@ def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
         raise BadData(
             "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
         )
-    plan = Plan(built, results, clips, select(options.keep, clips, matrix), options.fresh)
+    plan = Plan(built, results, clips, select(options.keep, clips), options.fresh)
     if results.begun and options.limit is not None:
         stored = results.protocol()
         if stored["fingerprint"] == plan.fingerprint and len(stored["clips"]) > len(clips):

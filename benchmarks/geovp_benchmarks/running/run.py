@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent import futures
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -15,7 +14,6 @@ from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
-from geovp_benchmarks.running.selection import rank
 from geovp_benchmarks.running.task import Scored, score_clip
 from geovp_classic.errors import BadData
 
@@ -27,17 +25,12 @@ def run(
 ) -> list[Method]:
     """Compute missing and outdated scores, and return all methods.
 
-    With a ranking, all methods then predict the selected clips once more. Raises BadData if the
-    matrix, the data set or the folder is unsuitable.
+    Raises BadData if the matrix, the data set or the folder is unsuitable.
     """
     announce("building components and metrics")
     plan = make_plan(matrix, results, options)
     with results_lock(results, plan.protocol):
         compute_missing(plan, executor, progress)
-        if ":" in options.keep:
-            compute_missing(
-                replace(plan, selection=rank(options.keep, results)), executor, progress
-            )
     return results.methods()
 
 
