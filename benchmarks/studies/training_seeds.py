@@ -46,7 +46,8 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
     scores: dict[str, dict[str, dict[str, float]]] = {}  # by method, seed and clip
     for method in results.methods():
         if match := re.fullmatch(r"(.+?)-(\d+)(--.+)?", method.name):
-            values = statistics.over_steps(results.means(method.name)[metric])  # over samples
+            samples = results.scores(method.name).means()[metric]
+            values = statistics.over_steps(samples)
             by_clip = dict(zip(results.protocol()["clips"], values.tolist(), strict=True))
             scores.setdefault(match[1], {})[match[2]] = by_clip
     if reference not in scores:

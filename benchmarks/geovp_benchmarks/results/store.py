@@ -20,7 +20,6 @@ import functools
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,7 +34,7 @@ from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
-from geovp_classic.types import Clip, FloatArray, Prediction
+from geovp_classic.types import Clip, Prediction
 
 __all__ = ["Contents", "Method", "Results", "ScoreRecord", "Scores"]
 
@@ -43,13 +42,23 @@ T = TypeVar("T")
 
 
 def _remembered(read: Callable[..., T]) -> Callable[..., T]:
-    """Return a method of Results that reads once, until something is written."""
+    """Return a method of Results that reads once, until something is written.
+
+    It reads again where a run has merged files meanwhile.
+    """
 
     @functools.wraps(read)
     def reader(results: Results, *args: Any) -> T:
         key = (results, read.__name__, *args)
-        if key not in results.memory:
-            results.memory[key] = read(results, *args)
+        num_tries = 0
+        while key not in results.memory:
+            try:
+                results.memory[key] = read(results, *args)
+            except (FileNotFoundError, duckdb.IOException):
+                num_tries += 1
+                if num_tries == 5:
+                    raise
+                results.memory.clear()
         value: T = results.memory[key]
         return value
 
@@ -156,24 +165,15 @@ class Results:
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
         """Return the scores of all methods; one query reads methods that share their files."""
-
-        def all_scores() -> dict[str, Scores]:
-            groups: dict[frozenset[Path], list[ScoreRecord]] = {}
-            for name in self.protocol()["methods"]:
-                records = self.score_records(name)
-                paths = frozenset(record.path for record in records)
-                groups.setdefault(paths, []).extend(records)
-            clips = self.protocol()["clips"]
-            scores: dict[str, Scores] = {}
-            for records in groups.values():
-                scores |= self._score_files.scores(records, clips)
-            return scores
-
-        return self._reread(all_scores)
-
-    def means(self, method: str) -> dict[str, FloatArray]:
-        """Return means over all steps [N, S] by metric, in the protocol's order."""
-        return self.scores(method).means()
+        groups: dict[frozenset[Path], list[ScoreRecord]] = {}
+        for name in self.protocol()["methods"]:
+            records = self.score_records(name)
+            paths = frozenset(record.path for record in records)
+            groups.setdefault(paths, []).extend(records)
+        scores: dict[str, Scores] = {}
+        for records in groups.values():
+            scores |= self._score_files.scores(records, self.protocol()["clips"])
+        return scores
 
     def failures(self, method: str) -> dict[str, str]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
@@ -183,11 +183,12 @@ class Results:
             for clip, failure in record.failures.items()
         }
 
+    @_remembered
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """Return numbers that are known of the clips themselves, by clip and name."""
         protocol = self.protocol()
         scored = [each for name in protocol["methods"] for each in self.score_records(name)]
-        facts = self._reread(lambda: self._score_files.facts(scored))
+        facts = self._score_files.facts(scored)
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
 
     def contents(self) -> Contents:
@@ -236,9 +237,10 @@ class Results:
             paths += [self._prediction(method, name) for name in self.predictions(method)]
         return sorted(damaged.union(path for path in paths if not kept_files.is_whole(path)))
 
+    @_remembered
     def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
         """Return all records of a method, and its damaged score files."""
-        return self._reread(lambda: self._score_files.records(method))
+        return self._score_files.records(method)
 
     @property
     def _score_files(self) -> ScoreFiles:
@@ -260,14 +262,6 @@ class Results:
         if not fingerprint and self.begun:
             fingerprint = str(self.protocol().get("fingerprint", ""))
         return self.root / "clips" / f"{quoted(name)}.{fingerprint[:8]}.npz"
-
-    def _reread(self, read: Callable[[], T], max_tries: int = 5) -> T:
-        """Return what is read, again where a run has merged files meanwhile."""
-        for _ in range(max_tries - 1):
-            with suppress(FileNotFoundError, duckdb.IOException):
-                return read()
-            self.memory.clear()
-        return read()
 
     @property
     def tables(self) -> Path:

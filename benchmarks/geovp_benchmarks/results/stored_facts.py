@@ -74,8 +74,8 @@ def marks(method: Method) -> str:
     return "".join(MARKS[name][0] for name in method.privileged_inputs)
 
 
-def legend(methods: Iterable[Method], but: str = "") -> list[str]:
+def legend(methods: Iterable[Method]) -> list[str]:
     """Return what the letters next to methods mean."""
     used = {name for method in methods for name in method.privileged_inputs}
     words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
-    return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []
+    return [f"Privileged inputs: {', '.join(words)}."] if words else []
