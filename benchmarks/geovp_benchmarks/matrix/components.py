@@ -6,7 +6,7 @@ import functools
 import hashlib
 import importlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import PrivilegedInput
 
 
-def build(role: str, name: str, spec: Spec) -> Any:
-    """Build the component of an entry; return a Failure if it cannot work here.
+def build(
+    role: str, name: str, spec: Spec, try_out: Callable[[Any], object] = lambda component: None
+) -> Any:
+    """Build the component of an entry and try it; return a Failure if it cannot work here.
 
     Mistakes in the file are raised: an unknown name or field, or a value that its component
     refuses.
@@ -33,6 +35,7 @@ def build(role: str, name: str, spec: Spec) -> Any:
                 f"{name!r} does not say what it needs: give it `needs`, PrivilegedInput.NONE for "
                 "the frames alone"
             )
+        try_out(component)
     except Exception as error:
         if isinstance(error, GeovpError) and not isinstance(error, (Incompatible, MissingExtra)):
             raise

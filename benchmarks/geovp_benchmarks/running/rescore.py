@@ -1,5 +1,7 @@
 """Scores of kept predictions with other metrics: nothing is predicted, no data set is needed."""
 
+from collections.abc import Iterator
+
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
@@ -39,23 +41,24 @@ def rescore(
         "fingerprint": content_hash([protocol["fingerprint"], "rescored"]),
         "rescored_from": str(results.root),
     }
-    rescored["id"] = protocol_id(rescored)
-    output.write_protocol(rescored)
+    output.write_protocol({**rescored, "id": protocol_id(rescored)})
     methods = results.methods()
     for method in tracked(methods, len(methods), progress):
-        _rescore_method(results, output, method, metrics)
+        output.remove_method(method.name)
+        status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
+        output.write_method(method.name, method.record | {"code": "", "status": status})
+        output.write_scores(_rescored(results, output, method, metrics))
     return output.methods()
 
 
-def _rescore_method(results: Results, output: Results, method: Method, metrics: Metrics) -> None:
-    """Copy and score the kept predictions of a method."""
+def _rescored(
+    results: Results, output: Results, method: Method, metrics: Metrics
+) -> Iterator[Scored]:
+    """Copy the kept predictions of a method; yield their scores."""
     name, protocol = method.name, output.protocol()
-    output.remove_method(name)
-    status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
-    output.write_method(name, method.record | {"code": "", "status": status})
-    stored = results.score_records(name)
-    failures = {clip: why for record in stored for clip, why in record.failures.items()}
-    scored: list[Scored] = []
+    failures = {
+        clip: why for record in results.score_records(name) for clip, why in record.failures.items()
+    }
     for clip_name in sorted(set(protocol["clips"]).intersection(results.predictions(name))):
         clip = ScoredClip(results.clip(clip_name), protocol["num_past"])
         prediction = results.prediction(name, clip_name)
@@ -67,5 +70,4 @@ def _rescore_method(results: Results, output: Results, method: Method, metrics: 
         record = ScoreRecord(name, [clip_name], method.fingerprint, seconds=dict(usage.seconds))
         if clip_name in failures:
             record.failures[clip_name] = failures[clip_name]
-        scored.append((scores, record))
-    output.write_scores(scored)
+        yield scores, record

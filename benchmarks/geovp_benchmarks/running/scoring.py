@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
@@ -52,22 +52,19 @@ class Metrics:
         about: dict[str, Any] = {}
         for role, specs in (("frame", frame), ("trajectory", trajectory)):
             for name, spec in specs.items():
-                metric = build(f"{role}_metrics", name, spec)
                 about[name] = {"role": role, "asked": spec, "unavailable": None}
-                failure = metric
-                if not isinstance(metric, Failure):
-                    about[name] |= _meaning(metric)
-                    failure = _try_out(metric, blank) if role == "frame" else None
-                if isinstance(failure, Failure):
-                    about[name]["unavailable"] = failure.reason
+                try_out = partial(_try_out, about=about[name], blank=blank)
+                metric = build(f"{role}_metrics", name, spec, try_out)
+                if isinstance(metric, Failure):
+                    about[name]["unavailable"] = metric.reason
                 else:
                     built[role][name] = metric
+        fraction = {"role": "frame", "unit": "", "bounds": [0.0, 1.0], "higher_is_better": None}
         for name, definition in (
             (COVERAGE, "fraction of pixels that were not inpainted"),
             (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),
         ):
-            about[name] = {"role": "frame", "unit": "", "bounds": [0.0, 1.0]}
-            about[name] |= {"higher_is_better": None, "unavailable": None, "definition": definition}
+            about[name] = {**fraction, "unavailable": None, "definition": definition}
         return cls(**built, about=about)
 
     @property
@@ -84,29 +81,19 @@ class Metrics:
         return {name: registry.describe(metric) for name, metric in metrics.items()}
 
 
-def _try_out(metric: Any, blank: ByteArray) -> Failure | None:
-    """Return the failure of a frame metric on a blank frame."""
-    try:
-        metric(blank, blank, None)
-    except BadData:
-        raise
-    except Exception as error:  # of a plug-in: the run continues without this metric
-        return Failure.of(error)
-    return None
-
-
-def _meaning(metric: Any) -> dict[str, Any]:
-    """Return unit, direction, definition, bounds and device of a metric."""
+def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:
+    """Add unit, direction, definition, bounds and device of a metric; score a blank frame."""
     metric_bounds = getattr(metric, "bounds", UNBOUNDED)
-    meaning = {
+    about |= {
         "unit": metric.unit,
         "higher_is_better": metric.higher_is_better,
         "definition": getattr(metric, "protocol", ""),  # which of the usual definitions it follows
         "bounds": [end if math.isfinite(end) else None for end in metric_bounds],
     }
     if hasattr(metric, "device"):  # of a network; None is the CPU
-        meaning["device"] = metric.device or "cpu"
-    return meaning
+        about["device"] = metric.device or "cpu"
+    if about["role"] == "frame":
+        metric(blank, blank, None)
 
 
 @dataclass(frozen=True)
