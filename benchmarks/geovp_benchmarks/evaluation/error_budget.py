@@ -59,23 +59,25 @@ class Method:
 
         Raises Incompatible if all variants are impossible on all clips.
         """
+        variants = dict.fromkeys(
+            variant for row in pairs.values() for pair in row.values() for variant in pair
+        )
+        # NaN where a variant is impossible
+        scores = np.full((len(variants), len(self.metrics), self.num_clips), np.nan)
         names: list[str] = []
-        values: dict[Any, list[Any]] = {  # [N, M] by variant; NaN where it is impossible
-            variant: [] for row in pairs.values() for pair in row.values() for variant in pair
-        }
         reasons = {}
         for number in tracked(range(self.num_clips), self.num_clips, progress):
             clip = self.dataset[number]
             names.append(clip.name)
             predict = prepare(clip)
-            for variant, scores in values.items():
-                scores.append([np.nan] * len(self.metrics))
+            for place, variant in enumerate(variants):
                 try:
                     frames = predict(variant)
-                    scores[-1] = [metric(*frames, None).mean() for metric in self.metrics.values()]
+                    values = [metric(*frames, None).mean() for metric in self.metrics.values()]
+                    scores[place, :, number] = values
                 except Incompatible as error:
                     reasons[str(error)] = error
-        if np.isnan([*values.values()]).all():
+        if np.isnan(scores).all():
             raise next(iter(reasons.values()))
         horizons = ", ".join(str(step + 1) for step in self.steps)
         title = (
@@ -86,7 +88,7 @@ class Method:
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4
             columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
-            of_metric = {variant: np.array(each)[:, number] for variant, each in values.items()}
+            of_metric = dict(zip(variants, scores[:, number], strict=True))
             rows = []
             for label, row in pairs.items():
                 changes = {

@@ -250,20 +250,22 @@ def _joined(records: Iterable[ScoreRecord]) -> list[ScoreRecord]:
         groups.setdefault(alike, []).append(record)
     joined = []
     for group in groups.values():
-        seconds: Counter[str] = Counter()
-        for record in group:
-            seconds.update(record.seconds)
         joined.append(
             replace(
                 group[0],
                 clips=sorted(clip for record in group for clip in record.clips),
-                seconds=dict(seconds),
+                seconds=seconds(group),
                 peak_memory_mb=max(record.peak_memory_mb for record in group),
                 failures={clip: why for record in group for clip, why in record.failures.items()},
                 written_ns=max(record.written_ns for record in group),
             )
         )
     return joined
+
+
+def seconds(records: Iterable[ScoreRecord]) -> dict[str, float]:
+    """Return the sum of the seconds of records, by stage."""
+    return dict(sum((Counter(record.seconds) for record in records), Counter()))
 
 
 def _digest(path: Path) -> str:

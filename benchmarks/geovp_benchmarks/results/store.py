@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,7 +28,7 @@ import duckdb
 
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest
+from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest, seconds
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
@@ -138,15 +137,13 @@ class Results:
         method = self._method(name)
         if method is None:
             return None
-        scored, seconds = self.score_records(name), Counter[str]()
-        for record in scored:
-            seconds.update(record.seconds)
+        scored = self.score_records(name)
         num_clips = sum(len(record.clips) for record in scored)
         sums: dict[str, Any] = {
             "num_clips": num_clips,
             "num_failed": sum(len(record.failures) for record in scored),
             "num_outdated": sum(len(each.clips) for each in scored if each.code != method.code),
-            "seconds": {stage: round(time_s, 3) for stage, time_s in seconds.items()},
+            "seconds": {stage: round(time_s, 3) for stage, time_s in seconds(scored).items()},
             "peak_memory_mb": max((record.peak_memory_mb for record in scored), default=0.0),
         }
         if method.status == "done" and num_clips < len(self.protocol()["clips"]):
@@ -229,13 +226,10 @@ class Results:
         return newest(fitting, self.protocol()["clips"] if self.begun else ())
 
     def damaged_files(self) -> list[Path]:
-        """Return the score files and kept files of this protocol that are not as written."""
-        damaged: set[Path] = set()
-        paths = [self._clip(name) for name in self.clips()]
-        for method in self.protocol()["methods"]:
-            damaged.update(self._read(method)[1])
-            paths += [self._prediction(method, name) for name in self.predictions(method)]
-        return sorted(damaged.union(path for path in paths if not kept_files.is_whole(path)))
+        """Return the score files of this protocol and the kept files that are not as written."""
+        paths = [*self.root.glob("clips/[!.]*.npz"), *self.root.glob("*/predictions/[!.]*.npz")]
+        damaged = {path for path in paths if not kept_files.is_whole(path)}
+        return sorted(damaged.union(*(self._read(name)[1] for name in self.protocol()["methods"])))
 
     @_remembered
     def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:

@@ -1,6 +1,7 @@
 """Dry run: what a run would compute, and about how long."""
 
 from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.results.score_files import seconds
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.plan import Options, make_plan
 from geovp_benchmarks.tables.formats import grid
@@ -20,8 +21,8 @@ def dry_run(matrix: Matrix, results: Results, options: Options, workers: int) ->
         scored = results.score_records(method.name, record["fingerprint"])
         note = record.get("reason", "unknown")
         if scored:
-            seconds = sum(sum(each.seconds.values()) for each in scored)
-            per_clip_s = seconds / sum(len(each.clips) for each in scored)
+            time_s = sum(seconds(scored).values())
+            per_clip_s = time_s / sum(len(each.clips) for each in scored)
             note = f"{per_clip_s:.2f}"
             total_s += len(clips) * per_clip_s
         lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
