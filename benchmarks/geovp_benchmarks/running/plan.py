@@ -109,7 +109,7 @@ class Plan:
         needs = needs_of(components.values())
         return {
             **record,
-            "status": "partial",
+            "status": "done",  # where no clip lacks scores
             "components": described,
             "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
             "fingerprint": content_hash([self.fingerprint, described, method.num_samples]),
@@ -117,8 +117,8 @@ class Plan:
             "code": code_hash(components.values()),
         }
 
-    def missing(self, method: MethodPlan, retry_failed: bool = True) -> Set[str]:
-        """Return the clips of which a method lacks scores or a prediction to be kept."""
+    def missing(self, method: MethodPlan) -> Set[str]:
+        """Return the clips that failed, or that lack scores or a prediction to be kept."""
         record = self.records[method]
         if not record["fingerprint"]:
             return set()
@@ -130,8 +130,9 @@ class Plan:
             has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
             if has_metrics and (scored.code == record["code"] or not self.is_fresh):
                 missing.difference_update(scored.clips)
-                failures = scored.failures.items() if retry_failed else ()
-                missing |= {clip for clip, failure in failures if failure.status == "failed"}
+                for clip, failure in scored.failures.items():
+                    if failure.status == "failed":
+                        missing.add(clip)
         return missing | (self.keep - predicted)
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:

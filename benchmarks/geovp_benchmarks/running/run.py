@@ -120,15 +120,13 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
             continue
         results.merge(method.name)
         scored = results.score_records(method.name)
-        is_partial = plan.missing(method, retry_failed=False)
-        outcome = {"status": "partial" if is_partial else "done"}
         failures = [failure for each in scored for failure in each.failures.values()]
-        if failures:
-            outcome["traceback"] = failures[0].traceback
-            logger.info(
-                "%s: %s\n%s", method.label, failures[0].reason, failures[0].traceback.rstrip()
-            )
-            if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
-                outcome |= failures[0]._asdict()
-                results.discard(method.name)  # so that the next run tries again
+        if not failures:
+            continue
+        first = failures[0]
+        logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
+        outcome = {"traceback": first.traceback}
+        if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
+            outcome = first._asdict()
+            results.discard(method.name)  # so that the next run tries again
         results.write_method(method.name, record | outcome)
