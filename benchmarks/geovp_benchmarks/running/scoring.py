@@ -177,24 +177,22 @@ def _values(
     if prediction.confidence is not None:
         yield CONFIDENCE, prediction.confidence[sample]
     masks |= {f"@{name}": mask for name, mask in clip.pixel_sets.items()}
-    stabilised = {}
-    for name, metric in metrics.frame.items():
-        if isinstance(metric, Stabilised):
-            stabilised[name] = metric.metric
-            continue
-        values = clip.values(name, metric, predicted, [*masks.values()])
-        yield from zip((name + suffix for suffix in masks), values, strict=True)
     motion, (context, target) = prediction.motion, clip.truth
-    if motion is None or context.past is None or target.trajectory is None:
-        return
-    times_s = target.trajectory.times_s
-    poses = motion.futures[sample % len(motion.futures)]  # all samples may share one future
-    future = relative_to_last_observed(motion.past, poses, times_s)
-    poses = target.trajectory.world_from_cam
-    true_future = relative_to_last_observed(context.past, poses, times_s)
-    if stabilised:
-        views, seen = turned(predicted, clip.clip.intrinsics, future, true_future)
-        for name, metric in stabilised.items():
-            yield name, clip.values(name, metric, views, [seen])[0]
-    for name, trajectory_metric in metrics.trajectory.items():
-        yield name, trajectory_metric(future, true_future)
+    futures = None  # predicted and true
+    if motion is not None and context.past is not None and target.trajectory is not None:
+        true_poses, times_s = target.trajectory.world_from_cam, target.trajectory.times_s
+        poses = motion.futures[sample % len(motion.futures)]  # all samples may share one future
+        futures = (
+            relative_to_last_observed(motion.past, poses, times_s),
+            relative_to_last_observed(context.past, true_poses, times_s),
+        )
+    for name, metric in metrics.frame.items():
+        if not isinstance(metric, Stabilised):
+            values = clip.values(name, metric, predicted, [*masks.values()])
+            yield from zip((name + suffix for suffix in masks), values, strict=True)
+        elif futures is not None:
+            views, seen = turned(predicted, clip.clip.intrinsics, *futures)
+            yield name, clip.values(name, metric.metric, views, [seen])[0]
+    if futures is not None:
+        for name, trajectory_metric in metrics.trajectory.items():
+            yield name, trajectory_metric(*futures)

@@ -87,28 +87,27 @@ def _call(trial: Trial, context: Context) -> Any:
     """Return the output of a component of any role."""
     component, truth = trial.component, trial.truth
     past, future = truth.past, truth.future
-    futures = future.world_from_cam[None]
-    tracked = np.ones(truth.num_past, dtype=bool)
+    motion = Motion(past, future.world_from_cam[None], np.ones(truth.num_past, dtype=bool))
     match trial.role:
         case "pose_sources":
             return component.estimate(context, trial.num_samples)
         case "pose_refinements":
-            return component.refine(context, Motion(past, futures, tracked))
+            return component.refine(context, motion)
         case "odometries":
             past, tracked = component.track(context)
-            return Motion(past, futures, tracked)
+            return Motion(past, motion.futures, tracked)
         case "forecasters":
             futures = component.forecast(past, future.times_s, trial.num_samples)
             require_shape("futures", futures, trial.num_samples, truth.num_future, 4, 4)
-            return Motion(past, futures, tracked)
+            return replace(motion, futures=futures)
         case "depth_sources":
-            inverse_depths, confidences = component.inverse_depths(context, past)
-            require_shape("inverse depths", inverse_depths, *context.frames.shape[:3])
-            require_shape("confidences", confidences, *context.frames.shape[:3])
-            is_valid = (inverse_depths >= 0) & (inverse_depths < np.inf)
-            is_valid &= (confidences >= 0) & (confidences <= 1)
-            require(is_valid.all(), "inverse depths or confidences are negative or too large")
-            return inverse_depths, confidences
+            output = component.inverse_depths(context, past)
+            limits = {"inverse depths": np.finfo(np.float32).max, "confidences": 1.0}
+            for values, (name, limit) in zip(output, limits.items(), strict=True):
+                require_shape(name, values, *context.frames.shape[:3])
+                is_valid = (values >= 0) & (values <= limit)
+                require(is_valid.all(), f"{name} are negative or too large")
+            return output
         case "renderers":
             scene = component.reconstruct(context, past)
             backwards = future.world_from_cam @ np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -121,7 +120,7 @@ def _call(trial: Trial, context: Context) -> Any:
         case "frame_metrics":
             return _score_frames(component, truth.future_frames)
         case "trajectory_metrics":
-            last = np.broadcast_to(past.world_from_cam[-1], futures[0].shape)
+            last = past.world_from_cam[[-1] * len(future)]
             return _score(component, future, replace(future, world_from_cam=last))
         case "datasets":
             return _last_clip(component)
@@ -130,18 +129,19 @@ def _call(trial: Trial, context: Context) -> Any:
 def _check(trial: Trial, output: Any) -> None:
     """Require motions and predictions with the times and frame sizes of the context."""
     truth = trial.truth
-    num_samples = (1, trial.num_samples)  # 1 if deterministic
-    if isinstance(output, Motion):
-        past, futures = output.past, output.futures
-        same = len(past) == truth.num_past and np.allclose(past.times_s, truth.past.times_s)
-        require(same, "the past poses have other times than the frames")
-        same = len(futures) in num_samples and futures.shape[1] == truth.num_future
-        require(same, f"futures have shape {futures.shape} with {trial.num_samples} samples")
     if isinstance(output, Prediction):
-        shape = output.frames.shape
-        same = shape[0] in num_samples and shape[1:] == truth.future_frames.shape
-        require(same, f"frames have shape {shape} with {trial.num_samples} samples")
-        _check(trial, output.motion)
+        _require_samples(trial, "frames", output.frames, *truth.future_frames.shape)
+        output = output.motion
+    if isinstance(output, Motion):
+        times_s = output.past.times_s
+        same = len(times_s) == truth.num_past and np.allclose(times_s, truth.past.times_s)
+        require(same, "the past poses have other times than the frames")
+        _require_samples(trial, "futures", output.futures, truth.num_future, 4, 4)
+
+
+def _require_samples(trial: Trial, name: str, array: npt.NDArray[Any], *shape: int) -> None:
+    """Require as many samples of a shape as requested, or one of a deterministic component."""
+    require_shape(name, array, 1 if len(array) == 1 else trial.num_samples, *shape)
 
 
 def _inpaint(inpainter: Any, frames: ByteArray, last: ByteArray) -> Views:
