@@ -161,27 +161,24 @@ def hold(root: Path, seconds: float) -> subprocess.Popen[str]:
     return process
 
 
-def test_a_folder_is_filled_by_one_protocol_at_a_time(
-    street: Path, printed: Says, refused: Says
-) -> None:
+def test_a_lock_ends_with_its_process(street: Path, printed: Says) -> None:
     out = street.parent / "out"
     printed(*run(street))
     before = rows(out, "copy-last")
     with hold(out, 60) as other:
-        said = refused(*run(street), "--set", "protocol.num_past=2")
-        assert "in use by a run with another protocol" in said
         other.kill()
-    printed(*run(street), "--set", "protocol.num_past=2")  # the lock ended with its process
+    printed(*run(street), "--set", "protocol.num_past=2")
     printed(*run(street))
     assert rows(out, "copy-last") == before
 
 
-def test_a_second_run_of_a_protocol_waits_for_the_first(
-    street: Path, command: Command, printed: Says
+@pytest.mark.parametrize("changed", [[], ["--set", "protocol.num_past=2"]])
+def test_a_second_run_waits_for_the_first(
+    street: Path, command: Command, printed: Says, changed: list[str]
 ) -> None:
     printed(*run(street))
     with hold(street.parent / "out", 4) as other:
-        ended = command(*run(street))
+        ended = command(*run(street), *changed)
         assert ended.code == 0
         assert "waiting for another run in" in ended.err
         assert other.wait() == 0

@@ -183,13 +183,15 @@ class TestAgain:
         assert rows(tmp_path, "still") == before
         assert len(log.read_text().split()) == 5 + 5
 
-    def test_a_limited_run_grows_and_never_shrinks_a_longer_one(self, tmp_path: Path) -> None:
-        tables = content(predictors=STILL)
+    def test_a_limited_run_shows_fewer_clips_and_loses_none(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
         assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
         assert go(tmp_path, tables)["still"].num_clips == 5
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
-        with pytest.raises(BadData, match="holds 5 clips, more than --limit 3 would leave"):
-            go(tmp_path, tables, limit=3)
+        assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
+        assert go(tmp_path, tables)["still"].num_clips == 5
+        assert len(log.read_text().split()) == 5  # none was computed again
 
     def test_a_new_metric_is_computed_and_a_changed_one_again(self, tmp_path: Path) -> None:
         tables = content(predictors=STILL)

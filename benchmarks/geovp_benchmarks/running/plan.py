@@ -175,12 +175,4 @@ def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
         raise BadData(
             "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
         )
-    plan = Plan(built, results, clips, select(options.keep, clips), options.fresh)
-    if results.begun and options.limit is not None:
-        stored = results.protocol()
-        if stored["fingerprint"] == plan.fingerprint and len(stored["clips"]) > len(clips):
-            raise BadData(
-                f"{results.root} holds {len(stored['clips'])} clips, more than --limit "
-                f"{options.limit} would leave: give another folder with --out"
-            )
-    return plan
+    return Plan(built, results, clips, select(options.keep, clips), options.fresh)

@@ -2,10 +2,10 @@
 
 import logging
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from concurrent import futures
 from contextlib import contextmanager, suppress
-from typing import Any
+from pathlib import Path
 
 from filelock import FileLock, Timeout
 
@@ -15,7 +15,6 @@ from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.plan import Options, Plan, make_plan
 from geovp_benchmarks.running.task import Scored, score_clip
-from geovp_classic.errors import BadData
 
 logger = logging.getLogger(__name__)
 
@@ -27,32 +26,22 @@ def run(
 
     Raises BadData if the matrix, the data set or the folder is unsuitable.
     """
-    announce("building components and metrics")
-    plan = make_plan(matrix, results, options)
-    with results_lock(results, plan.protocol):
+    with results_lock(results.root):
+        announce("building components and metrics")
+        plan = make_plan(matrix, results, options)
         compute_missing(plan, executor, progress)
     return results.methods()
 
 
 @contextmanager
-def results_lock(results: Results, protocol: Mapping[str, Any]) -> Iterator[None]:
-    """Hold a results folder; the lock ends with the process.
-
-    Waits for a run of the same protocol; raises BadData during a run of another protocol.
-    """
-    root = results.root
+def results_lock(root: Path) -> Iterator[None]:
+    """Hold a results folder after another run has ended; the lock ends with the process."""
     root.mkdir(parents=True, exist_ok=True)
     lock = FileLock(root / ".lock")
     with suppress(NotImplementedError):  # a file system without locks
         try:
             lock.acquire(timeout=0)
-        except Timeout as error:
-            running = results.protocol() if results.begun else protocol
-            if any(running[key] != protocol[key] for key in ("fingerprint", "methods", "clips")):
-                raise BadData(
-                    f"{root} is in use by a run with another protocol or other methods: wait until "
-                    "it has ended, or give another folder with --out"
-                ) from error
+        except Timeout:
             logger.warning("waiting for another run in %s", root)
             lock.acquire()
     try:
