@@ -39,6 +39,7 @@ from geovp_classic.data import (
 from geovp_classic.data.findings import RAISE
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+from tests.benchmarks.made import write_protocol
 
 NUM_MUTATIONS = 100
 MAX_SECONDS = 10.0
@@ -98,7 +99,7 @@ def read_video(path: Path) -> Any:
 def write_results(folder: Path, datasets: list[str]) -> None:
     """Write a results folder with a score, a kept clip and a kept prediction."""
     results = Results(folder)
-    results.write_protocol({"methods": ["x"], "clips": ["a"], "num_past": 3, "metrics": {}})
+    write_protocol(results, "x", "a", num_past=3)
     method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
     method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}

@@ -143,6 +143,11 @@ def write_protocol(
         "dataset": {"name": "road"},
         "num_past": 10,
         "num_future": 20,
+        "stride": 5,
+        "split_hash": "",
+        "metrics": {},
+        "versions": {},
+        "fingerprint": "",
     }
     results.write_protocol(
         {**shared, "size_px": [64, 48], "methods": [*methods], "clips": [*clips], **more}

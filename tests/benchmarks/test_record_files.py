@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.results import kept_files, records
+from geovp_benchmarks.results.store import Results
 from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Prediction
+from tests.benchmarks.made import write_protocol
 
 METHOD = {
     "label": "x",
@@ -47,12 +49,13 @@ def method(folder: Path, **changed: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", ["../up", "/root", "a\nb"])
 def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "file.json"
-    path.write_bytes(files.json_bytes({"methods": ["x", name], "datasets": ["near", name]}))
-    with pytest.raises(BadData, match=r"file\.json: the method .*"):
-        records.read_protocol(path)
-    with pytest.raises(BadData, match=r"file\.json: the data set .*"):
-        records.read_labels(path)
+    results = Results(tmp_path)
+    write_protocol(results, ["x", name], [])
+    with pytest.raises(BadData, match=r"protocol\.json: the method .*"):
+        results.protocol()
+    results.write_datasets(["near", name])
+    with pytest.raises(BadData, match=r"datasets\.json: the data set .*"):
+        results.by_dataset()
 
 
 def kept(folder: Path, arrays: dict[str, Any], is_clip: bool = False) -> Clip | Prediction:

@@ -219,12 +219,11 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ('{"methods": ["../../etc"], "clips": []}', "'../../etc' leads out of its folder"),
         ('{"methods": [], "clips": []}', "is missing"),
         ('{"methods": ' + "[" * 100_000, "protocol.json is not JSON"),
         ("{", "protocol.json is not JSON"),
     ],
-    ids=["leads out", "half its keys", "deep", "cut off"],
+    ids=["half its keys", "deep", "cut off"],
 )
 def test_a_damaged_protocol_is_told(tmp_path: Path, refused: Says, content: str, says: str) -> None:
     (tmp_path / "protocol.json").write_text(content)

@@ -17,7 +17,7 @@ from geovp_benchmarks.results.store import (
 )
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
-from tests.benchmarks.made import dicts, scores, write_row
+from tests.benchmarks.made import dicts, scores, write_protocol, write_row
 
 CAMERA = Intrinsics(20.0, 21.0, 7.5, 5.5, 16, 12)
 NAME = "03[180:360)/000010 a"
@@ -44,7 +44,7 @@ def values(results: Results) -> list[float | None]:
 
 def begun(root: Path, fingerprint: str = "f") -> Results:
     results = Results(root)
-    results.write_protocol({"methods": ["x", "y"], "clips": ["a", "b", "it's"]})
+    write_protocol(results, "xy", ["a", "b", "it's"])
     write_row(results, "x", fingerprint=fingerprint, status="partial")
     return results
 
@@ -127,7 +127,7 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
         ]
         results.merge("x")
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
-    results.write_protocol({"methods": ["x"], "clips": ["c"]})
+    write_protocol(results, "x", "c")
     assert values(results) == [1.0]  # clips that are not wanted now are still stored
 
 

@@ -11,7 +11,7 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 
 
-class Protocol(TypedDict, total=False):
+class Protocol(TypedDict):
     """What all methods share."""
 
     __pydantic_config__ = ConfigDict(strict=True, extra="allow")  # type: ignore[misc]
@@ -32,16 +32,6 @@ class Protocol(TypedDict, total=False):
     versions: dict[str, str]
     fingerprint: str  # hash of what all scores depend on
     id: str  # short, in tables
-
-
-class Record(dict[str, Any]):
-    """A record whose missing keys raise BadData when they are read."""
-
-    path: Path
-
-    def __missing__(self, key: str) -> Any:
-        """Raise BadData that names the key and the file."""
-        raise BadData(f"{self.path}: {key} is missing: restore it, or remove it and run again")
 
 
 class Method(BaseModel):
@@ -79,15 +69,13 @@ class Method(BaseModel):
 
 
 def read_protocol(path: Path) -> dict[str, Any]:
-    """Return the content of a protocol.json; `methods` is required."""
+    """Return the content of a protocol.json."""
     if not path.exists():
         raise BadData(
             f"{path.parent} has no {path.name}: not a results folder: give one that `geovp run` "
             "wrote"
         )
-    content = {"methods": None, **files.read_json(path)}
-    protocol = Record(_validated(Protocol, content, path))
-    protocol.path = path
+    protocol: dict[str, Any] = _validated(Protocol, files.read_json(path), path)
     for name in protocol["methods"]:
         files.check_name(name, f"{path}: the method")
     return protocol
