@@ -195,12 +195,11 @@ def offsets(
 
     Positive ones are shifts to the right, down and forward; turns up, to the right and clockwise.
     """
+    axes = dict(zip(("x", "y", "z", "pitch", "yaw", "roll"), np.eye(6), strict=True))
     twists = {}
-    for number, axis in enumerate(("x", "y", "z", "pitch", "yaw", "roll")):
-        sizes, unit, factor = (shifts_m, "m", 1.0)
-        if number >= 3:
-            sizes, unit, factor = angles_deg, "deg", np.pi / 180
-        for size in sizes:
-            twist = factor * size * np.eye(6)[number]
-            twists[f"{axis} {size:g} {unit}"] = tuple(twist.tolist())
+    for axis, direction in axes.items():
+        is_shift = axis in "xyz"
+        for size in shifts_m if is_shift else angles_deg:
+            twist = direction * (size if is_shift else np.radians(size))
+            twists[f"{axis} {size:g} {'m' if is_shift else 'deg'}"] = tuple(twist.tolist())
     return twists

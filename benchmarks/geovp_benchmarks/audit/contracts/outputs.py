@@ -101,13 +101,13 @@ def _call(trial: Trial, context: Context) -> Any:
             require_shape("futures", futures, trial.num_samples, truth.num_future, 4, 4)
             return replace(motion, futures=futures)
         case "depth_sources":
-            output = component.inverse_depths(context, past)
-            limits = {"inverse depths": np.finfo(np.float32).max, "confidences": 1.0}
-            for values, (name, limit) in zip(output, limits.items(), strict=True):
-                require_shape(name, values, *context.frames.shape[:3])
-                is_valid = (values >= 0) & (values <= limit)
-                require(is_valid.all(), f"{name} are negative or too large")
-            return output
+            inverse_depths, confidences = component.inverse_depths(context, past)
+            for values in (inverse_depths, confidences):
+                require_shape("depths and confidences", values, *context.frames.shape[:3])
+                is_valid = np.isfinite(values) & (values >= 0)
+                require(is_valid.all(), "inverse depths or confidences are negative or not finite")
+            require((confidences <= 1).all(), "confidences are above 1")
+            return inverse_depths, confidences
         case "renderers":
             scene = component.reconstruct(context, past)
             backwards = future.world_from_cam @ np.diag([-1.0, 1.0, -1.0, 1.0])
