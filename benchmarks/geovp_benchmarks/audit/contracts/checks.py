@@ -51,10 +51,10 @@ def check(role: str, component: Any) -> list[Finding]:
 @functools.cache
 def clip(number: int) -> Clip:
     """Return a clip with all ground truth: 0 drives straight ahead, 7 is stationary."""
-    size_px = (128, 128)
-    return Synthetic(num_clips=8, num_frames=10, size_px=size_px, with_full=True, with_right=True)[
-        number
-    ]
+    street = Synthetic(
+        num_clips=8, num_frames=10, size_px=(128, 128), with_full=True, with_right=True
+    )
+    return street[number]
 
 
 def has_context(role: str) -> bool:
