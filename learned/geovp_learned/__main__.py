@@ -1,5 +1,5 @@
-"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, model
-cards, export.
+"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, and
+model cards.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a training; return 0 if it is finished, 1 if it was interrupted, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
-        return {"card": _card, "export": _export, "train": _train}[options.verb](options)
+        return {"card": _card, "train": _train}[options.verb](options)
     except GeovpError as error:
         print(f"python -m geovp_learned: {error}", file=sys.stderr)
         return 2
@@ -33,7 +33,6 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True)
     _add_train(verbs.add_parser("train", help="train a method"))
     _add_card(verbs.add_parser("card", help="print the model card of a weights file"))
-    _add_export(verbs.add_parser("export", help="write a network as an ONNX file"))
     return parser
 
 
@@ -85,23 +84,6 @@ def _add_card(card: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_export(export: argparse.ArgumentParser) -> None:
-    export.add_argument("name", help="deepvo, lpips")
-    export.add_argument("--onnx", type=Path, required=True, metavar="FILE.onnx")
-    export.add_argument(
-        "--weights", type=Path, metavar="FILE", help="in place of those that come with the package"
-    )
-    export.add_argument(
-        "--past", type=int, default=10, metavar="P", help="observed images of deepvo (10)"
-    )
-    export.add_argument(
-        "--future", type=int, default=20, metavar="F", help="predicted steps of deepvo (20)"
-    )
-    export.add_argument(
-        "--size", type=int, default=256, metavar="PX", help="sides of the images of lpips (256)"
-    )
-
-
 def _add_changes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
     parser.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
@@ -115,18 +97,6 @@ def _changes(options: argparse.Namespace) -> Changes:
     from geovp_learned import training_config
 
     return training_config.Changes(options.variant, options.seed, options.precision)
-
-
-def _export(options: argparse.Namespace) -> int:
-    from geovp_learned import export
-
-    exported = export.exportable(
-        options.name, options.weights, options.past, options.future, options.size
-    )
-    export.write_onnx(options.onnx, exported)
-    shapes = ", ".join(f"{name} {list(tensor.shape)}" for name, tensor in exported.inputs.items())
-    print(f"{options.onnx}: {shapes} to {' and '.join(exported.outputs)}")
-    return 0
 
 
 def _card(options: argparse.Namespace) -> int:
