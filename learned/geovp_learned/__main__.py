@@ -2,25 +2,21 @@
 model cards.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from geovp_classic.errors import GeovpError
 
-if TYPE_CHECKING:
-    from geovp_learned.training_config import Changes
+CHANGES = ("variant", "seed", "precision")  # options that change a config
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a training; return 0 if it is finished, 1 if it was interrupted, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
-        return {"card": _card, "train": _train}[options.verb](options)
+        return options.run(options)
     except GeovpError as error:
         print(f"python -m geovp_learned: {error}", file=sys.stderr)
         return 2
@@ -30,13 +26,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m geovp_learned", description="Train the learned parts."
     )
-    verbs = parser.add_subparsers(dest="verb", required=True)
-    _add_train(verbs.add_parser("train", help="train a method"))
-    _add_card(verbs.add_parser("card", help="print the model card of a weights file"))
-    return parser
-
-
-def _add_train(train: argparse.ArgumentParser) -> None:
+    verbs = parser.add_subparsers(required=True)
+    train = verbs.add_parser("train", help="train a method")
+    train.set_defaults(run=_train)
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
     train.add_argument(
         "config",
@@ -56,9 +48,16 @@ def _add_train(train: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="root of the data sets, in place of the config's",
     )
-    _add_changes(train)
+    train.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
+    train.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
     train.add_argument(
-        "--resume", action="store_true", help="go on with the run in the folder, if there is one"
+        "--precision",
+        help="in place of the config's, as in Lightning Fabric: 32-true, bf16-mixed, ...",
+    )
+    train.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run in the folder, if there is one",
     )
     train.add_argument(
         "--limit-seconds",
@@ -67,45 +66,19 @@ def _add_train(train: argparse.ArgumentParser) -> None:
         metavar="S",
         help="stop after S seconds of training",
     )
-
-
-def _add_card(card: argparse.ArgumentParser) -> None:
+    card = verbs.add_parser("card", help="print the model card of a weights file")
+    card.set_defaults(run=_card)
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
-    card.add_argument(
-        "--config",
-        "--recipe",
-        type=Path,
-        metavar="CONFIG.toml",
-        help="its training config; adds the command",
-    )
-    _add_changes(card)
     card.add_argument(
         "--log", type=Path, metavar="metrics.csv", help="the run's log; adds its curves"
     )
-
-
-def _add_changes(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
-    parser.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
-    parser.add_argument(
-        "--precision",
-        help="in place of the config's, as in Lightning Fabric: 32-true, bf16-mixed, ...",
-    )
-
-
-def _changes(options: argparse.Namespace) -> Changes:
-    from geovp_learned import training_config
-
-    return training_config.Changes(options.variant, options.seed, options.precision)
+    return parser
 
 
 def _card(options: argparse.Namespace) -> int:
     from geovp_learned import model_cards
 
-    print(
-        model_cards.model_card(options.weights, options.config, options.log, _changes(options)),
-        end="",
-    )
+    print(model_cards.model_card(options.weights, options.log), end="")
     return 0
 
 
@@ -113,9 +86,10 @@ def _train(options: argparse.Namespace) -> int:
     from geovp_learned import hardware, training_config
     from geovp_learned.training import WEIGHTS, train
 
-    changes = _changes(options)
-    config = training_config.load(options.method, options.config, options.root, changes)
-    name = "-".join(str(part) for part in (options.config.stem, *changes.given.values()))
+    given = {name: getattr(options, name) for name in CHANGES}
+    changes = {name: value for name, value in given.items() if value is not None}
+    config = training_config.load(options.method, options.config, options.root, **changes)
+    name = "-".join(map(str, (options.config.stem, *changes.values())))
     folder = options.out or Path("runs") / name
     hardware.check_precision(config.training)
     run = train(config, folder, resume=options.resume, limit_s=options.limit_seconds)

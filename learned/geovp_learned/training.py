@@ -207,6 +207,7 @@ class Trainer:
     def write_weights(self, scores: Mapping[str, float]) -> None:
         """Write the weights file, from the first process."""
         history = {
+            "command": self.config.command,
             "step": self.progress.step,
             "seconds": round(self.progress.seconds, 1),
             "scores": dict(scores),

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from torch import nn
 
-from geovp_learned import checkpoints, model_cards, training_log
+from geovp_classic import registry
+from geovp_learned import checkpoints, methods, model_cards, training_config, training_log
 from geovp_learned.__main__ import main
-from geovp_learned.training_config import Changes
+from geovp_learned.training_config import Training
 
 HISTORY = {
     "train": [
@@ -78,30 +80,41 @@ def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_i
             scores = {"validation/score": loss / 2, "validation/psnr": 20.0}
             logger.log_metrics({"seconds": step / 10, **scores}, step)
     logger.save()
-    lines = model_cards.curves(training_log.read(tmp_path / training_log.FILE)).splitlines()
-    assert lines == [
-        "| step | seconds | validation/score | validation/psnr | train/total |",
-        "| --: | --: | --: | --: | --: |",
-        "| 40 | 4 | 1 | 20 | 3 |",
-        "| 60 | 6 | 0.5 | 20 | 1 |",
-    ]
+    file = tmp_path / training_log.FILE
+    card = model_cards.model_card(written(tmp_path, HISTORY), file)
+    assert (
+        """## Curves
+
+| step | seconds | validation/score | validation/psnr | train/total |
+| --: | --: | --: | --: | --: |
+| 40 | 4 | 1 | 20 | 3 |
+| 60 | 6 | 0.5 | 20 | 1 |
+
+## Licence"""
+        in card
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "options"),
-    [
-        ("deepvo", Changes(variant="regularised", seed=1), " --variant regularised --seed 1"),
-        ("synsin", Changes(), ""),
-    ],
+    ("name", "changes"),
+    [("deepvo", {"variant": "regularised", "seed": 1}), ("synsin", {})],
 )
 def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(
-    name: str, changes: Changes, options: str
+    name: str, changes: dict[str, Any]
 ) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
     weights = folder / f"{name}.safetensors"
-    text = model_cards.model_card(weights, Path(f"{name}-small"), changes=changes)
-    assert f"    python -m geovp_learned train {name} {name}-small{options}\n" in text
-    assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
+    options = "".join(f" --{option} {value}" for option, value in changes.items())
+    command = f"Trained by\n\n    python -m geovp_learned train {name} {name}-small{options}\n\n"
+    before, _, after = (folder / f"{name}.md").read_text().partition(command)
+    card = model_cards.model_card(weights).partition("## Licence")[0]
+    assert after
+    assert (before + after).startswith(card)
+    settings, _ = checkpoints.read(weights, name, methods.load(name))
+    tables = training_config.tables(Path(f"{name}-small"), variant=changes.get("variant"))
+    assert settings == registry.construct(type(settings), tables["method"], "method")
+    training = Training(**{**tables["training"], "seed": changes.get("seed", 0)})
+    assert training.decisive == checkpoints.read_metadata(weights)["history"]["training"]
 
 
 def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(

@@ -124,7 +124,11 @@ def known(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def config(settings: Training = SETTINGS, method: LineTraining | None = None) -> TrainingConfig:
     return TrainingConfig(
-        "line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),)
+        settings,
+        train=(Fading(),),
+        validation=(Fading(num_clips=1),),
+        method_name="line",
+        method=method or LineTraining(),
     )
 
 

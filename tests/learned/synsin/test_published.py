@@ -49,7 +49,7 @@ def networks() -> dict[str, nn.Module]:
 
 @pytest.fixture(scope="module")
 def tiny() -> SynSinTraining:
-    return training_config.settings("synsin", Path("synsin-published-tiny"))[0]
+    return training_config.load("synsin", Path("synsin-published-tiny")).method
 
 
 def count(network: nn.Module) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 import torch
 
+from geovp_classic import registry
 from geovp_classic.types import Clip
 from geovp_learned import training_config
 from geovp_learned.synsin.train import SynSinTraining, Weights
@@ -63,7 +64,8 @@ def test_validation_looks_at_some_examples_and_gives_the_same_again(
 
 
 def test_the_thesis_config_has_the_papers_losses_alone() -> None:
-    method, *_ = training_config.settings("synsin", Path("synsin-thesis"))
+    tables = training_config.tables(Path("synsin-thesis"))
+    method = registry.construct(SynSinTraining, tables["method"], "method")
     assert method.weights == Weights()
     assert method.depth_gradient_scale == 1
     networks = method.build()
