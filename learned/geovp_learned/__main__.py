@@ -20,6 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except GeovpError as error:
         print(f"python -m geovp_learned: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 1
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -83,7 +85,7 @@ def _card(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace) -> int:
-    from geovp_learned import hardware, training_config
+    from geovp_learned import training_config
     from geovp_learned.training import WEIGHTS, train
 
     given = {name: getattr(options, name) for name in CHANGES}
@@ -91,7 +93,6 @@ def _train(options: argparse.Namespace) -> int:
     config = training_config.load(options.method, options.config, options.root, **changes)
     name = "-".join(map(str, (options.config.stem, *changes.values())))
     folder = options.out or Path("runs") / name
-    hardware.check_precision(config.training)
     run = train(config, folder, resume=options.resume, limit_s=options.limit_seconds)
     progress = run.progress
     if run.fabric.is_global_zero:

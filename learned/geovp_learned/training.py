@@ -8,11 +8,8 @@ with the same result.
 from __future__ import annotations
 
 import math
-import signal
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +19,7 @@ import numpy as np
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.loggers.logger import Logger
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
@@ -64,8 +61,7 @@ def train(
     fabric = hardware.fabric(settings)
     fabric.launch()
     trainer = Trainer(config, folder, fabric, resume=resume)
-    with _stop_on_signal() as signals:
-        trainer.fit(signals, limit_s)
+    trainer.fit(limit_s)
     return trainer
 
 
@@ -89,26 +85,25 @@ class Trainer:
         self.method, self.settings, self.config = config.method, config.training, config
         self.folder, self.fabric = folder, fabric
         _seed_torch(self.settings.seed)
-        networks = self.method.build()
+        networks = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
-        self.averages: dict[str, AveragedModel] = {}
-        if steps := self.settings.average_steps:
-            average = get_ema_multi_avg_fn(1 - 1 / steps)
-            self.averages = {
-                name: AveragedModel(network, multi_avg_fn=average, use_buffers=True)
-                for name, network in networks.items()
-            }
         self.schedulers = {
             name: LambdaLR(optimiser, lambda step: learning_rate_factor(step, self.settings))
             for name, optimiser in optimisers.items()
         }
+        self.average: AveragedModel | None = None
+        if steps := self.settings.average_steps:
+            average = get_ema_multi_avg_fn(1 - 1 / steps)
+            self.average = AveragedModel(networks, multi_avg_fn=average, use_buffers=True)
+        self.raw = networks
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
         for name, network in networks.items():
             self.networks[name], self.optimisers[name] = fabric.setup(network, optimisers[name])
-        self.evaluated = {
-            name: fabric.setup_module(average.module) for name, average in self.averages.items()
-        } or self.networks
+        self.evaluated = self.networks
+        if self.average is not None:
+            averages = self.average.module.items()
+            self.evaluated = {name: fabric.setup_module(average) for name, average in averages}
         self.identity = {
             "method": config.method_name,
             "settings": checkpoints.plain(self.method),
@@ -131,32 +126,33 @@ class Trainer:
         progress, settings = self.progress, self.settings
         return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
 
-    def fit(self, signals: Sequence[int], limit_s: float) -> None:
-        """Train from the current step to the end, a signal, or the time limit."""
+    def fit(self, limit_s: float) -> None:
+        """Train from the current step to the end, or to the time limit."""
         items = self.method.examples(_clips(self.config.train), training=True)
         held_out = self.method.examples(_clips(self.config.validation), training=False)
         if not len(items) or not len(held_out):
             raise BadData(
                 "no clip is long enough for one example: give the data sets a larger num_frames"
             )
-        progress, settings, fabric = self.progress, self.settings, self.fabric
-        loader = batches.loader(self.method, items, settings, progress.step, fabric)
-        steps = iter(loader)
-        start_s = saved_s = time.monotonic()
-        before_s = progress.seconds
-        bar = tqdm(total=settings.num_steps, initial=progress.step, disable=not self.loggers)
-        with bar:
-            while not self.is_finished and not signals and time.monotonic() - start_s < limit_s:
-                losses = self.train_step(next(steps))
-                progress.seconds = before_s + time.monotonic() - start_s
-                bar.update()
-                if progress.step % settings.log_every == 0:
-                    self.log("train", losses)
-                if progress.step % settings.validate_every == 0 or self.is_finished:
-                    self.validate(held_out)
-                if time.monotonic() - saved_s > settings.save_every_s:
-                    self.save()
-                    saved_s = time.monotonic()
+        progress, settings = self.progress, self.settings
+        batches_left = batches.loader(self.method, items, settings, progress.step, self.fabric)
+        start_s = time.monotonic() - progress.seconds
+        end_s, saved_s = progress.seconds + limit_s, progress.seconds
+        bar = tqdm(
+            batches_left, total=settings.num_steps, initial=progress.step, disable=not self.loggers
+        )
+        for batch in bar:
+            if self.is_finished or progress.seconds >= end_s:
+                break
+            losses = self.train_step(batch)
+            progress.seconds = time.monotonic() - start_s
+            if progress.step % settings.log_every == 0:
+                self.log("train", losses)
+            if progress.step % settings.validate_every == 0 or self.is_finished:
+                self.validate(held_out)
+            if progress.seconds > saved_s + settings.save_every_s:
+                self.save()
+                saved_s = progress.seconds
         self.save()
 
     def train_step(self, batch: Batch) -> Losses:
@@ -167,8 +163,8 @@ class Trainer:
         losses = self.method.training_step(self.networks, batch, self.progress.step)
         for name, terms in losses.items():
             self.optimise(name, terms["total"])
-        for name, average in self.averages.items():
-            average.update_parameters(self.networks[name].module)
+        if self.average is not None:
+            self.average.update_parameters(self.raw)
         for scheduler in self.schedulers.values():
             scheduler.step()
         self.progress.step += 1
@@ -224,7 +220,6 @@ class Trainer:
         """Return all that the next step depends on, but random numbers, seeded at every step."""
         groups = {
             "network": self.networks,
-            "average": self.averages,
             "optimiser": self.optimisers,
             "scheduler": self.schedulers,
         }
@@ -233,6 +228,8 @@ class Trainer:
             for group, parts in groups.items()
             for name, part in parts.items()
         }
+        if self.average is not None:
+            state["average"] = self.average
         state["precision"] = self.fabric.strategy.precision
         return {**state, "progress": asdict(self.progress), "identity": self.identity}
 
@@ -257,10 +254,9 @@ class Trainer:
                 f"{file} belongs to a run with another {', '.join(keys)}: give another --out, "
                 "or remove it"
             )
-        with files.checked(f"{file} does not fit this method", "remove it"):
-            state = self.state()
-            self.fabric.load(file, state, weights_only=True)
-            self.progress = Progress(**state["progress"])
+        state = self.state()
+        self.fabric.load(file, state, weights_only=True)
+        self.progress = Progress(**state["progress"])
 
     def log(self, split: str, numbers: Mapping[str, float | Tensor]) -> None:
         """Write numbers to the logs, from the first process."""
@@ -281,21 +277,3 @@ def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
         indices = range(len(dataset))
         for index in tqdm(indices, desc=f"reading {dataset.name}", leave=False, delay=2.0):
             yield dataset[index]
-
-
-@contextmanager
-def _stop_on_signal() -> Iterator[list[int]]:
-    """Collect signals that ask to stop (Ctrl-C, SIGTERM); the current step is finished first."""
-    received: list[int] = []
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if threading.current_thread() is not threading.main_thread():
-        numbers = []
-    before = {
-        number: signal.signal(number, lambda caught, _: received.append(caught))
-        for number in numbers
-    }
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -17,11 +17,11 @@ from lightning.fabric import Fabric
 from lightning.fabric.plugins import MixedPrecision
 from torch import nn
 from torch.optim import Optimizer
+from torch.utils.data import DataLoader
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned import checkpoints, hardware, training, training_log
-from geovp_learned.batches import StepSampler
+from geovp_learned import batches, checkpoints, hardware, training, training_log
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.training import learning_rate_factor
 from geovp_learned.training_config import Training, TrainingConfig
@@ -199,7 +199,7 @@ def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     assert of_mean < of_last
     assert logged(mean, "train/line.total") == logged(plain, "train/line.total")  # learns the same
     _, kept = checkpoints.read_tensors(mean / training.WEIGHTS)
-    bias = state_of(mean)["average.line"]["module.0.bias"]
+    bias = state_of(mean)["average"]["module.line.0.bias"]
     torch.testing.assert_close(kept["line.0.bias"].float(), bias, atol=1e-3, rtol=1e-3)
     assert not torch.allclose(state_of(mean)["network.line"]["0.bias"], bias, atol=1e-2)
 
@@ -306,9 +306,33 @@ def test_the_rate_rises_and_falls() -> None:
     assert learning_rate_factor(105, settings) == pytest.approx(0.2)
 
 
+@dataclass(frozen=True)
+class Numbers(LineTraining):
+    """Examples are numbers."""
+
+    def example(self, item: Any, rng: np.random.Generator) -> Batch:
+        return {"number": torch.tensor(item)}
+
+
+@dataclass
+class Rank:
+    """What the loader of batches takes from Fabric."""
+
+    global_rank: int
+    world_size: int = 2
+    device = torch.device("cpu")
+
+    def setup_dataloaders(self, loader: DataLoader[Batch], **_: bool) -> DataLoader[Batch]:
+        return loader
+
+
 def test_every_example_comes_once_an_epoch_on_two_devices_together() -> None:
     settings = Training(num_steps=5, batch_size=2)
-    samplers = [StepSampler(10, settings, 0, rank, 2) for rank in range(2)]
-    dealt = [index for step in zip(*samplers, strict=True) for each in step for index, _ in each]
+    loaders = [batches.loader(Numbers(), range(10), settings, 0, Rank(rank)) for rank in range(2)]
+    steps = list(zip(*loaders, strict=True))
+    assert len(steps) == 5
+    dealt = [number for step in steps for batch in step for number in batch["number"].tolist()]
     assert sorted(dealt[:8]) != sorted(dealt[8:16])
     assert sorted(dealt) == sorted(2 * list(range(10)))  # 5 steps of 4 are two epochs
+    (resumed, *_) = batches.loader(Numbers(), range(10), settings, 3, Rank(1))
+    assert resumed["number"].tolist() == steps[3][1]["number"].tolist()
