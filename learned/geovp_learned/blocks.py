@@ -3,7 +3,7 @@ squares as channels.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import torch
@@ -46,14 +46,15 @@ class ResidualBlock(nn.Module):
     """
 
     def __init__(
-        self, in_channels: int, out_channels: int, noise_size: int = 0, resample: Resample = "keep"
+        self,
+        in_channels: int,
+        out_channels: int,
+        norm: Callable[[int], nn.Module],
+        resample: Resample = "keep",
     ) -> None:
         super().__init__()
         self.resample = resample
-        self.norm1, self.norm2 = (
-            NoisyNorm(in_channels, noise_size),
-            NoisyNorm(out_channels, noise_size),
-        )
+        self.norm1, self.norm2 = norm(in_channels), norm(out_channels)
         self.conv1 = spectral_norm(nn.Conv2d(in_channels, out_channels, 3, padding=1))
         self.conv2 = spectral_norm(nn.Conv2d(out_channels, out_channels, 3, padding=1))
         is_plain = in_channels == out_channels

@@ -46,6 +46,7 @@ def curves(rows: Sequence[Mapping[str, float]]) -> list[list[str]]:
         numbers = [row["step"], row["seconds"]]
         for name in names:
             source = recent if name.startswith("train/") else [row]
-            numbers.append(np.mean([each[name] for each in source if name in each] or [np.nan]))
+            values = [each[name] for each in source if name in each]
+            numbers.append(float(np.mean(values or [np.nan])))
         table.append([f"{number:.4g}" for number in numbers])
     return table

@@ -92,6 +92,13 @@ def reproject(
     return np.asarray(warped, dtype=np.uint8)
 
 
+def pixel_grid(size_px: tuple[int, int], like: Tensor) -> Tensor:
+    """Return the positions (u, v) [H, W, 2] of all pixels of an image of (height, width)."""
+    axes = (torch.arange(side, dtype=like.dtype, device=like.device) for side in size_px)
+    v, u = torch.meshgrid(*axes, indexing="ij")
+    return torch.stack([u, v], dim=-1)
+
+
 def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
     """Sample images [N, C, H, W] at positions (u, v) [N, H', W', 2]: bilinear, the border repeated
     beyond it.

@@ -85,7 +85,7 @@ class Trainer:
         self.method, self.settings, self.config = config.method, config.training, config
         self.folder, self.fabric = folder, fabric
         _seed_torch(self.settings.seed)
-        networks = nn.ModuleDict(self.method.build())
+        networks: Any = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
         self.schedulers = {
             name: LambdaLR(optimiser, lambda step: learning_rate_factor(step, self.settings))
@@ -102,8 +102,8 @@ class Trainer:
             self.networks[name], self.optimisers[name] = fabric.setup(network, optimisers[name])
         self.evaluated = self.networks
         if self.average is not None:
-            averages = self.average.module.items()
-            self.evaluated = {name: fabric.setup_module(average) for name, average in averages}
+            averages: Any = self.average.module
+            self.evaluated = {name: fabric.setup_module(each) for name, each in averages.items()}
         self.identity = {
             "method": config.method_name,
             "settings": checkpoints.plain(self.method),

@@ -1,3 +1,5 @@
+from functools import partial
+
 import pytest
 import torch
 
@@ -6,7 +8,7 @@ from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet
 
 @pytest.mark.parametrize(("resample", "side"), [("keep", 8), ("up", 16), ("down", 4)])
 def test_a_residual_block_keeps_doubles_or_halves_the_size(resample: str, side: int) -> None:
-    block = ResidualBlock(6, 10, noise_size=3, resample=resample)
+    block = ResidualBlock(6, 10, partial(NoisyNorm, noise_size=3), resample)
     assert block(torch.rand(2, 6, 8, 8), torch.randn(2, 3)).shape == (2, 10, side, side)
 
 

@@ -14,7 +14,6 @@ import torch
 from torch import Tensor, nn
 
 from geovp_classic.errors import BadData
-from geovp_learned import methods
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.splatting import Splatter
 
@@ -45,14 +44,9 @@ class Architecture:
             raise BadData(
                 f"variant 'published' has its own {others[0]}: leave it out, or choose 'residual'"
             )
-        if self.features <= COLOURS:
-            raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
-        if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):
-            given = f"depth_px is {self.depth_px} with {len(self.depth_channels)} levels"
-            raise BadData(f"{given}, expected a multiple of {2 ** len(self.depth_channels)}")
-        methods.check_counts(
-            self, "width", "feature_blocks", "inner_blocks", "patch_px", "noise_size"
-        )
+        multiple = 2 ** len(self.depth_channels)
+        if self.depth_px % multiple:
+            raise BadData(f"depth_px is {self.depth_px}, expected a multiple of {multiple}")
 
 
 class FeatureCloud(NamedTuple):
@@ -78,10 +72,10 @@ class Images(NamedTuple):
 class Generator(nn.Module, ABC):
     """SynSin without its discriminator; subclasses add the networks of a variant."""
 
-    def __init__(self, architecture: Architecture, noise_size: int) -> None:
-        """Store the settings, and how many numbers of noise a rendering takes."""
+    def __init__(self, feature_noise: int, refinement_noise: int) -> None:
+        """Store how many numbers of noise the networks take."""
         super().__init__()
-        self.architecture, self.noise_size = architecture, noise_size
+        self.feature_noise, self.refinement_noise = feature_noise, refinement_noise
 
     def forward(
         self,
@@ -99,39 +93,26 @@ class Generator(nn.Module, ABC):
         size_px = (frames.shape[2], frames.shape[3])
         if cam_from_last is None:
             return None, self.depths(frames, splatting.rays(intrinsics, size_px))
-        cloud = self.encode(frames, intrinsics)
+        noise = torch.randn(len(frames), self.feature_noise, device=frames.device)
+        cloud = self.encode(frames, intrinsics, noise)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
         cloud = cloud._replace(
             inverse_depths=depth_gradient_scale * inverse_depths
             + (1 - depth_gradient_scale) * inverse_depths.detach()
         )
-        noise = torch.randn(len(frames) * views, self.noise_size, device=frames.device)
+        noise = torch.randn(len(frames) * views, self.refinement_noise, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(
             cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise
         )
         return images, inverse_depths.unflatten(1, size_px)
 
-    @abstractmethod
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
-
-    @abstractmethod
-    def features(self, frames: Tensor, noise: Tensor | None) -> Tensor:
-        """Return features [B, C, H, W] of frames [B, 3, H, W], with noise [B, noise_size]."""
-
-    def encode(
-        self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None
-    ) -> FeatureCloud:
-        """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds.
-
-        Noise [B, noise_size] is drawn if none is given; `residual` uses none here.
-        """
+    def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor) -> FeatureCloud:
+        """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, feature_noise]."""
         rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
         features = self.features(frames, noise).flatten(2).transpose(1, 2)
         return FeatureCloud(rays, self.depths(frames, rays).flatten(1), features)
 
-    @abstractmethod
     def render(
         self,
         cloud: FeatureCloud,
@@ -140,22 +121,30 @@ class Generator(nn.Module, ABC):
         size_px: tuple[int, int],
         noise: Tensor,
     ) -> Images:
-        """Render clouds from poses [B, 4, 4] of cameras [B, 4], in images of (height, width)."""
-
-    @staticmethod
-    def splat(
-        cloud: FeatureCloud,
-        cam_from_last: Tensor,
-        intrinsics: Tensor,
-        size_px: tuple[int, int],
-        splatter: Splatter,
-    ) -> tuple[Tensor, Tensor]:
-        """Return blended features with the inverse depth last [B, C + 1, H, W], and opacities [B,
-        1, H, W].
+        """Render clouds from poses [B, 4, 4] of cameras [B, 4], in images of (height, width), with
+        noise [B, refinement_noise].
         """
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
                 cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
             )
             points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
-            return splatter(positions, inverse_depths, visible, points, size_px)
+            splatter = self.splatter(size_px[0])
+            blended, opacities = splatter(positions, inverse_depths, visible, points, size_px)
+        return self.refine(blended, opacities, noise)
+
+    @abstractmethod
+    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
+        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
+
+    @abstractmethod
+    def features(self, frames: Tensor, noise: Tensor) -> Tensor:
+        """Return features [B, C, H, W] of frames [B, 3, H, W]."""
+
+    @abstractmethod
+    def splatter(self, height_px: int) -> Splatter:
+        """Return the splatter for images of this height."""
+
+    @abstractmethod
+    def refine(self, blended: Tensor, opacities: Tensor, noise: Tensor) -> Images:
+        """Refine splatted features with the inverse depth last [B, C + 1, H, W] to images."""

@@ -5,7 +5,7 @@ and refines.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -48,14 +48,10 @@ class SynSin(checkpoints.Pretrained):
     def input_note(self) -> str:
         """Return the sizes of the frame and of the depth network's input."""
         architecture = self.load()[1].architecture
-        size = (
-            "works at the frames' own size on the last frame, its depth at "
-            f"{architecture.depth_px} px height"
-        )
+        variant = "" if architecture.variant == "residual" else "published variant; "
         return (
-            size
-            if architecture.variant == "residual"
-            else f"{architecture.variant} variant; {size}"
+            f"{variant}works at the frames' own size on the last frame, its depth at "
+            f"{architecture.depth_px} px height"
         )
 
     def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
@@ -66,14 +62,14 @@ class SynSin(checkpoints.Pretrained):
             raise Incompatible(
                 "synsin's depth is in metres, the poses are not: give the odometry a scale"
             )
-        generator, _ = self.load()
-        assert isinstance(generator, Generator)
+        generator: Any = self.load()[0]
         with torch.inference_mode(), devices.one_thread():
-            noise = drawn(generator.noise_size, self.seed).to(self.device)
-            frame = images_from_frames(context.frames[-1:]).to(self.device)
-            cloud = generator.encode(
-                frame, intrinsics_tensor(context.intrinsics).to(self.device), noise
+            frame, camera = (
+                images_from_frames(context.frames[-1:]),
+                intrinsics_tensor(context.intrinsics),
             )
+            noise = drawn(generator.feature_noise, self.seed)
+            cloud = generator.encode(*(part.to(self.device) for part in (frame, camera, noise)))
         return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
 
 
@@ -110,7 +106,7 @@ class FeatureScene:
             cam_from_last.to(device),
             intrinsics_tensor(intrinsics).to(device).expand(count, -1),
             (intrinsics.height_px, intrinsics.width_px),
-            drawn(self.generator.noise_size, self.seed).to(device).expand(count, -1),
+            drawn(self.generator.refinement_noise, self.seed).to(device).expand(count, -1),
         )
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky

@@ -14,20 +14,15 @@ the small points matter most (docs/results/synsin-published.md).
 
 from __future__ import annotations
 
+import functools
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet, gather, spread
-from geovp_learned.synsin.network import (
-    COLOURS,
-    INITIAL_M,
-    Architecture,
-    FeatureCloud,
-    Generator,
-    Images,
-)
-from geovp_learned.synsin.splatting import SOLID_FACTOR, pull_push
+from geovp_learned.synsin.network import COLOURS, INITIAL_M, Architecture, Generator, Images
+from geovp_learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
 NEAREST_M = 2.0  # the depth network's range is from here to infinity
 
@@ -39,7 +34,8 @@ class ResidualGenerator(Generator):
         """Build the model with new weights; untrained, it renders a cloud at INITIAL_M in its own
         colours.
         """
-        super().__init__(architecture, architecture.noise_size)
+        super().__init__(feature_noise=0, refinement_noise=architecture.noise_size)
+        self.architecture = architecture
         self.feature_network = FeatureNetwork(architecture)
         self.depth_network = DepthNetwork(architecture)
         self.refinement_network = RefinementNetwork(architecture)
@@ -48,23 +44,17 @@ class ResidualGenerator(Generator):
         """Estimate inverse depths [B, H, W] from colours and rays."""
         return self.depth_network(frames, rays)
 
-    def features(self, frames: Tensor, noise: Tensor | None) -> Tensor:
-        """Return the colours and learned features; the noise is not used."""
-        return torch.cat([frames, self.feature_network(frames).float()], dim=1)
+    def features(self, frames: Tensor, noise: Tensor) -> Tensor:
+        """Return the colours and learned features."""
+        return torch.cat([frames, self.feature_network(frames, noise).float()], dim=1)
 
-    def render(
-        self,
-        cloud: FeatureCloud,
-        cam_from_last: Tensor,
-        intrinsics: Tensor,
-        size_px: tuple[int, int],
-        noise: Tensor,
-    ) -> Images:
-        """Render clouds; holes are filled from their surroundings before refinement."""
-        blended, opacities = self.splat(
-            cloud, cam_from_last, intrinsics, size_px, self.architecture.splatter
-        )
-        with torch.autocast(cloud.rays.device.type, enabled=False):
+    def splatter(self, height_px: int) -> Splatter:
+        """Return the splatter of the settings, whatever the height."""
+        return self.architecture.splatter
+
+    def refine(self, blended: Tensor, opacities: Tensor, noise: Tensor) -> Images:
+        """Fill holes from their surroundings, then refine colours."""
+        with torch.autocast(blended.device.type, enabled=False):
             filled = pull_push(blended, opacities)
         maps = torch.cat([filled[:, :-1], (SOLID_FACTOR * opacities).clamp(max=1)], dim=1)
         return Images(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
@@ -108,14 +98,17 @@ class FeatureNetwork(nn.Module):
         super().__init__()
         self.patch_px, width = architecture.patch_px, architecture.width
         self.stem = nn.Conv2d(COLOURS * architecture.patch_px**2, width, 3, padding=1)
-        blocks = (ResidualBlock(width, width, 0) for _ in range(architecture.feature_blocks))
+        blocks = (
+            ResidualBlock(width, width, NoisyNorm) for _ in range(architecture.feature_blocks)
+        )
         self.blocks = nn.ModuleList(blocks)
-        self.norm = NoisyNorm(width, 0)
+        self.norm = NoisyNorm(width)
         self.head = nn.Conv2d(width, architecture.features - COLOURS, 1)
 
-    def forward(self, frames: Tensor) -> Tensor:
-        """Return features [B, C, H, W], without the colours, of frames [B, 3, H, W]."""
-        noise = frames.new_zeros(len(frames), 0)
+    def forward(self, frames: Tensor, noise: Tensor) -> Tensor:
+        """Return features [B, C, H, W], without the colours, of frames [B, 3, H, W]; the noise is
+        empty.
+        """
         maps = self.stem(gather(frames - 0.5, self.patch_px, 1))
         for block in self.blocks:
             maps = block(maps, noise)
@@ -133,21 +126,22 @@ class RefinementNetwork(nn.Module):
         """Build the network with new weights; untrained, it leaves the colours unchanged."""
         super().__init__()
         self.patch_px = architecture.patch_px
-        width, noise, seen = architecture.width, architecture.noise_size, architecture.features + 1
+        width, seen = architecture.width, architecture.features + 1
+        norm = functools.partial(NoisyNorm, noise_size=architecture.noise_size)
         self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
-        down = (
-            ResidualBlock(width, width, noise, "down"),
-            ResidualBlock(width, 2 * width, noise, "down"),
+        self.blocks = nn.ModuleList(
+            [
+                ResidualBlock(width, width, norm, "down"),
+                ResidualBlock(width, 2 * width, norm, "down"),
+                *(
+                    ResidualBlock(2 * width, 2 * width, norm)
+                    for _ in range(architecture.inner_blocks)
+                ),
+                ResidualBlock(2 * width, width, norm, "up"),
+                ResidualBlock(width, width, norm, "up"),
+            ]
         )
-        inner = [
-            ResidualBlock(2 * width, 2 * width, noise) for _ in range(architecture.inner_blocks)
-        ]
-        up = (
-            ResidualBlock(2 * width, width, noise, "up"),
-            ResidualBlock(width, width, noise, "up"),
-        )
-        self.blocks = nn.ModuleList([*down, *inner, *up])
-        self.norm = NoisyNorm(width, noise)
+        self.norm = norm(width)
         self.detail = nn.Conv2d(width + seen, width // 2, 3, padding=1)
         self.head = nn.Conv2d(width // 2, COLOURS, 3, padding=1)
         for parameter in self.head.parameters():

@@ -14,6 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from geovp_learned.tensors import pixel_grid
+
 NEAR_M = 0.5  # points nearer than this to the new camera are not splatted
 MIN_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
 EMPTY = -1
@@ -47,17 +49,21 @@ class Splatter:
         """
         batch, (height, width) = len(features), size_px
         slots = self._slots(positions_px, inverse_depths, visible, size_px)  # [B * H * W, K]
-        weights = compositing_weights(self._opacities(positions_px, slots, size_px))
+        pixels = torch.arange(len(slots), device=slots.device)[:, None]
+        # Each empty slot has another point, at opacity 0: a GPU adds the gradients of one point
+        # one after the other
+        points = torch.where(slots == EMPTY, pixels % visible.numel(), slots)
+        centres = torch.cat([pixels % width, pixels // width % height], dim=1)
+        offsets = positions_px.flatten(0, 1)[points] - centres[:, None]
+        squares = offsets.square().sum(dim=2) / self.radius_px**2
+        opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
+        weights = compositing_weights(torch.where(slots == EMPTY, 0.0, opacities))
         blended = functional.embedding_bag(
-            _filled(slots, visible.numel()),
-            features.flatten(0, 1),
-            mode="sum",
-            per_sample_weights=weights,
+            points, features.flatten(0, 1), mode="sum", per_sample_weights=weights
         )
-        shape = (batch, height, width, -1)
-        return blended.view(shape).permute(0, 3, 1, 2), weights.sum(dim=1).view(shape).permute(
-            0, 3, 1, 2
-        )
+        maps = torch.cat([blended, weights.sum(dim=1, keepdim=True)], dim=1)
+        maps = maps.view(batch, height, width, -1).permute(0, 3, 1, 2)
+        return maps[:, :-1], maps[:, -1:]
 
     @torch.no_grad()
     def _slots(
@@ -70,59 +76,28 @@ class Splatter:
         """Return the nearest points of each pixel [B * H * W, K], in the order of depth; EMPTY
         where there are fewer.
         """
-        height, width = size_px
-        pixels, points = self._pairs(positions_px, inverse_depths, visible, size_px)
-        pixels, order = pixels.sort(
-            stable=True
-        )  # within a pixel, points stay in the order of depth
-        counts = torch.bincount(pixels, minlength=len(positions_px) * height * width)
-        ranks = (
-            torch.arange(len(pixels), device=pixels.device) - (counts.cumsum(0) - counts)[pixels]
-        )
+        (batch, num_points), (height, width) = visible.shape, size_px
+        numbers = inverse_depths.flatten().argsort(descending=True, stable=True)
+        numbers = numbers[visible.flatten()[numbers]]
+        positions = positions_px.flatten(0, 1)[numbers]  # [M, 2]
+        # A centre within the radius is at most so far from the nearest one
+        reach = math.ceil(self.radius_px + 0.5) - 1
+        steps = torch.arange(-reach, reach + 1, device=visible.device)
+        centres = positions.round().long()[:, None] + torch.cartesian_prod(steps, steps)
+        squares = (centres - positions[:, None]).square().sum(dim=2)
+        inside = (centres >= 0).all(dim=2) & (centres[..., 0] < width) & (centres[..., 1] < height)
+        rows, columns = torch.nonzero(inside & (squares < self.radius_px**2), as_tuple=True)
+        u, v = centres[rows, columns].unbind(dim=1)
+        points = numbers[rows]
+        pixels = (points // num_points * height + v) * width + u
+        pixels, order = pixels.sort(stable=True)  # within a pixel, points stay in order of depth
+        counts = torch.bincount(pixels, minlength=batch * height * width)
+        starts = counts.cumsum(0) - counts
+        ranks = torch.arange(len(pixels), device=pixels.device) - starts[pixels]
         is_nearest = ranks < self.points_per_pixel
         slots = pixels.new_full((len(counts), self.points_per_pixel), EMPTY)
         slots[pixels[is_nearest], ranks[is_nearest]] = points[order][is_nearest]
         return slots
-
-    def _pairs(
-        self,
-        positions_px: Tensor,
-        inverse_depths: Tensor,
-        visible: Tensor,
-        size_px: tuple[int, int],
-    ) -> tuple[Tensor, Tensor]:
-        """Return all pairs of a pixel [M] and a point [M] that covers it, nearest points first;
-        indices over the batch.
-        """
-        (batch, num_points), (height, width) = visible.shape, size_px
-        numbers = inverse_depths.argsort(dim=1, descending=True, stable=True)
-        numbers = numbers + num_points * torch.arange(batch, device=visible.device)[:, None]
-        numbers = numbers.flatten()
-        numbers = numbers[visible.flatten()[numbers]]
-        positions = positions_px.flatten(0, 1)[numbers]  # [M, 2]
-        reach = (
-            math.ceil(self.radius_px + 0.5) - 1
-        )  # a centre within the radius is at most so far from the nearest one
-        steps = torch.arange(-reach, reach + 1, device=visible.device)
-        offsets = torch.cartesian_prod(steps, steps)
-        centres = positions.round().long()[:, None] + offsets  # [M, offsets, 2]
-        squares = (centres - positions[:, None]).square().sum(dim=2)
-        inside = (centres >= 0).all(dim=2) & (centres[..., 0] < width) & (centres[..., 1] < height)
-        rows, columns = torch.nonzero(inside & (squares < self.radius_px**2), as_tuple=True)
-        covered = centres[rows, columns]
-        points = numbers[rows]
-        return (points // num_points * height + covered[:, 1]) * width + covered[:, 0], points
-
-    def _opacities(self, positions_px: Tensor, slots: Tensor, size_px: tuple[int, int]) -> Tensor:
-        """Return the opacities of the points in the slots [B * H * W, K]; 0 in empty ones."""
-        height, width = size_px
-        pixels = torch.arange(len(slots), device=slots.device)
-        centres = torch.stack([pixels % width, pixels // width % height], dim=1)  # [B * H * W, 2]
-        positions = positions_px.flatten(0, 1)
-        positions = positions[_filled(slots, len(positions))]
-        squares = (positions - centres[:, None]).square().sum(dim=2) / self.radius_px**2
-        opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
-        return torch.where(slots == EMPTY, 0.0, opacities)
 
 
 def compositing_weights(opacities: Tensor) -> Tensor:
@@ -132,28 +107,13 @@ def compositing_weights(opacities: Tensor) -> Tensor:
     return opacities * before
 
 
-def _filled(slots: Tensor, num_points: int) -> Tensor:
-    """Return the slots [P, K] with some point in empty ones, where it has no weight.
-
-    Each pixel takes another point: a GPU adds the gradients of one point one after the other.
-    """
-    others = torch.arange(len(slots), device=slots.device)[:, None] % num_points
-    return torch.where(slots == EMPTY, others, slots)
-
-
 def rays(intrinsics: Tensor, size_px: tuple[int, int]) -> Tensor:
     """Return the directions [B, H * W, 3], z = 1, of all pixels of cameras fx, fy, cx, cy [B, 4],
     row by row.
     """
-    height, width = size_px
-    v, u = torch.meshgrid(
-        torch.arange(height, dtype=intrinsics.dtype, device=intrinsics.device),
-        torch.arange(width, dtype=intrinsics.dtype, device=intrinsics.device),
-        indexing="ij",
-    )
-    fx, fy, cx, cy = intrinsics[:, :, None].unbind(dim=1)  # [B, 1] each
-    x, y = (u.flatten() - cx) / fx, (v.flatten() - cy) / fy
-    return torch.stack([x, y, torch.ones_like(x)], dim=2)
+    positions_px = pixel_grid(size_px, intrinsics).flatten(0, 1)
+    focal_px, centre_px = intrinsics[:, None].chunk(2, dim=2)  # [B, 1, 2] each
+    return functional.pad((positions_px - centre_px) / focal_px, (0, 1), value=1.0)
 
 
 def project(
@@ -172,8 +132,8 @@ def project(
     z = points[..., 2]
     in_front = (z > MIN_Z) & (z > NEAR_M * inverse_depths)
     z = torch.where(in_front, z, 1.0)
-    fx, fy, cx, cy = intrinsics[:, :, None].unbind(dim=1)
-    positions = torch.stack([fx * points[..., 0] / z + cx, fy * points[..., 1] / z + cy], dim=2)
+    focal_px, centre_px = intrinsics[:, None].chunk(2, dim=2)
+    positions = focal_px * points[..., :2] / z[..., None] + centre_px
     on_image = (
         positions.detach().abs().amax(dim=2) < 1e5
     )  # beyond, float32 pixel indices are not exact

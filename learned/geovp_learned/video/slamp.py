@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geovp_learned.methods import Losses
-from geovp_learned.tensors import sample_images
+from geovp_learned.tensors import pixel_grid, sample_images
 from geovp_learned.video import svg
 from geovp_learned.video.latents import Gaussian, kl_divergence
 from geovp_learned.video.svg import RecurrentAutoencoder, Rollout
@@ -150,13 +150,8 @@ def warp(images: Tensor, flow_px: Tensor) -> Tensor:
     """Warp backwards: each pixel of [N, C, H, W] shows what lies `flow_px` [N, 2, H, W] (right,
     down) from it.
     """
-    height, width = images.shape[-2:]
-    rows, columns = torch.meshgrid(
-        torch.arange(height, device=images.device),
-        torch.arange(width, device=images.device),
-        indexing="ij",
-    )
-    return sample_images(images, (torch.stack([columns, rows]) + flow_px).movedim(1, -1))
+    grid = pixel_grid((images.shape[2], images.shape[3]), flow_px)
+    return sample_images(images, grid + flow_px.movedim(1, -1))
 
 
 def _frame_pairs(images: Tensor) -> Tensor:

@@ -23,7 +23,9 @@ def test_untrained_it_sees_everything_about_twenty_metres_away(
     generator: Generator, clip: Clip
 ) -> None:
     cloud = generator.encode(
-        images_from_frames(clip.frames[:2]), pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1)
+        images_from_frames(clip.frames[:2]),
+        pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1),
+        torch.zeros(2, 0),
     )
     assert cloud.inverse_depths.shape == (2, 32 * 32)
     np.testing.assert_allclose(cloud.inverse_depths.detach().numpy(), 1 / 20, rtol=0.05)
@@ -100,5 +102,8 @@ def test_pull_push_keeps_what_is_solid_and_fills_the_rest_from_around() -> None:
 
 def test_depth_depends_on_the_focal_length(generator: Generator, clip: Clip) -> None:
     frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
-    wide, long = (generator.encode(frames, factor * camera).inverse_depths for factor in (1, 2))
+    wide, long = (
+        generator.encode(frames, factor * camera, torch.zeros(1, 0)).inverse_depths
+        for factor in (1, 2)
+    )
     assert not torch.equal(wide, long)

@@ -84,7 +84,7 @@ def test_sizes_within_the_networks_are_the_papers(networks: dict[str, nn.Module]
     handles = [module.register_forward_hook(note) for module in watched]
     with torch.no_grad():
         generator.refinement_network(
-            torch.rand(1, 64, 256, 256), torch.zeros(1, generator.noise_size)
+            torch.rand(1, 64, 256, 256), torch.zeros(1, generator.refinement_noise)
         )
         inverse_depths = generator.depth_network(torch.rand(1, 3, 256, 256))
     for handle in handles:
@@ -105,19 +105,19 @@ def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(
     generator = tiny.build()["generator"].eval()
     frames, camera = torch.rand(1, 3, 34, 30), pairs.intrinsics_tensor(clip.intrinsics)
     one, other = (
-        generator.encode(frames, c, torch.zeros(1, generator.noise_size))
+        generator.encode(frames, c, torch.zeros(1, generator.refinement_noise))
         for c in (camera, 2 * camera)
     )
     assert one.features.shape == (1, 34 * 30, 8)  # learned ones alone
     torch.testing.assert_close(one.inverse_depths, other.inverse_depths)
-    splatters: list[Splatter] = []
-    splat, maps = generator.splat, []
-    generator.splat = lambda *given: (splatters.append(given[-1]), splat(*given))[1]
+    maps: list[Tensor] = []
     generator.refinement_network.register_forward_hook(lambda _, given, __: maps.append(given[0]))
     away = torch.eye(4)[None]
     away[0, 0, 3] = 1e4  # everything leaves the image
-    images = generator.render(one, away, camera, (34, 30), torch.zeros(1, generator.noise_size))
-    assert splatters == [Splatter(radius_px=34 * 4 / 256, points_per_pixel=128)]
+    images = generator.render(
+        one, away, camera, (34, 30), torch.zeros(1, generator.refinement_noise)
+    )
+    assert generator.splatter(34) == Splatter(radius_px=34 * 4 / 256, points_per_pixel=128)
     assert not maps[0].any()
     assert not images.opacities.any()
     assert images.frames.shape == (1, 3, 34, 30)
