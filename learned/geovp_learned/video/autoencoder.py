@@ -123,13 +123,6 @@ def select_skips(skips: Skips, batch: int, steps: Tensor) -> list[Tensor]:
     return [maps.unflatten(0, (batch, -1))[:, steps].flatten(0, 1) for maps in skips]
 
 
-def last_skips(skips: Skips, batch: int, rows: int) -> list[Tensor]:
-    """Select the skips [rows, ...] of the last step, of maps [B * T, ...]; those of one clip serve
-    all rows, uncopied.
-    """
-    return [maps.unflatten(0, (batch, -1))[:, -1].expand(rows, *maps.shape[1:]) for maps in skips]
-
-
 def _stage(
     coding: AutoencoderConfig,
     resampling: type[nn.Conv2d | nn.ConvTranspose2d],  # of DCGAN

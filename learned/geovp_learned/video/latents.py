@@ -1,40 +1,18 @@
-"""Gaussian latent variables, their KL divergence, and the LSTMs that predict them."""
-
-from typing import NamedTuple, Self
+"""Gaussian latent variables, and the LSTMs that predict them."""
 
 import torch
 from torch import Tensor, nn
+from torch.distributions import Normal
 
 LstmState = tuple[Tensor, Tensor]  # hidden and cell state, each [layers, B, size]
 
 
-class Gaussian(
-    NamedTuple
-):  # a tuple, so that Lightning Fabric finds the tensors in a network's output
-    """Independent normal distributions."""
-
-    mean: Tensor
-    log_variance: Tensor
-
-    @classmethod
-    def from_output(cls, output: Tensor) -> Self:
-        """Split a network's output [..., 2 * D]: D means, then D log variances."""
-        mean, log_variance = output.chunk(2, dim=-1)
-        return cls(mean, log_variance.clamp(-10, 10))
-
-    def sample(self, noise: Tensor | None = None) -> Tensor:
-        """Draw a sample by standard normal noise, by default torch's (reparameterisation, Kingma
-        and Welling 2014).
-        """
-        noise = torch.randn_like(self.mean) if noise is None else noise
-        return self.mean + torch.exp(0.5 * self.log_variance) * noise
-
-
-def kl_divergence(a: Gaussian, b: Gaussian) -> Tensor:
-    """Return KL(a || b) in nats, summed over the last axis."""
-    variances = torch.exp(a.log_variance - b.log_variance)
-    distances = (a.mean - b.mean) ** 2 * torch.exp(-b.log_variance)
-    return 0.5 * (b.log_variance - a.log_variance + variances + distances - 1).sum(-1)
+def normal(output: Tensor) -> Normal:
+    """Return the normal distributions of a network's output [..., 2 * D]: D means, then D log
+    variances.
+    """
+    mean, log_variance = output.float().chunk(2, dim=-1)
+    return Normal(mean, torch.exp(0.5 * log_variance.clamp(-10, 10)))
 
 
 class Lstm(nn.Module):
@@ -52,14 +30,3 @@ class Lstm(nn.Module):
         """
         hidden, state = self.lstm(self.inward(inputs), state)
         return self.outward(hidden), state
-
-    def step(self, inputs: Tensor, state: LstmState) -> tuple[Tensor, LstmState]:
-        """Run one time step: [B, in_size] to [B, out_size]."""
-        outputs, state = self(inputs[:, None], state)
-        return outputs[:, 0], state
-
-
-def expand_state(state: LstmState, rows: int) -> LstmState:
-    """Expand the state of one clip to that of a batch of `rows` equal ones."""
-    hidden, cell = (part.expand(-1, rows, -1).contiguous() for part in state)
-    return hidden, cell

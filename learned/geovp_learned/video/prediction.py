@@ -11,9 +11,9 @@ from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Context, Prediction
-from geovp_learned import checkpoints, devices, methods
+from geovp_learned import checkpoints, devices
 from geovp_learned.tensors import frames_from_images, images_from_frames
-from geovp_learned.video.training import resize, unwrapped
+from geovp_learned.video.training import resize
 
 PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
 
@@ -30,18 +30,12 @@ class VideoPredictor(checkpoints.Pretrained):
     """
 
     seed: int = 0
-    samples_at_once: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.samples_at_once is not None:
-            methods.check_counts(self, "samples_at_once")
-        super().__post_init__()
 
     @property
     def input_note(self) -> str:
         """Describe the network's square, and the frames it looks at."""
-        loaded, settings = self.load()
-        size_px = unwrapped(loaded).size_px
+        settings = self.load()[1]
+        size_px = settings.architecture.coding.size_px
         return (
             f"works at {size_px}x{size_px} on the last {settings.num_past} frames, resized to "
             "the clip's size"
@@ -53,18 +47,17 @@ class VideoPredictor(checkpoints.Pretrained):
             raise Incompatible(
                 f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more"
             )
-        loaded, settings = self.load()
-        network, recent = unwrapped(loaded), context.recent(settings.num_past)
+        network, settings = self.load()
+        size_px, recent = settings.architecture.coding.size_px, context.recent(settings.num_past)
         height_px, width_px = context.frames.shape[1:3]
-        resized = resize(recent.frames, network.size_px, network.size_px)
-        observed = images_from_frames(resized)[None].to(self.device)
+        observed = images_from_frames(resize(recent.frames, size_px, size_px)).to(self.device)
         frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
-        at_once = self.samples_at_once or max(1, PIXELS_AT_ONCE // network.size_px**2)
+        at_once = max(1, PIXELS_AT_ONCE // size_px**2)
         for first in range(0, num_samples, at_once):
             samples = range(first, min(first + at_once, num_samples))
             noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
             with torch.inference_mode(), devices.one_thread():
-                images = network.predict(observed, noise)
+                images = network.predict(observed.expand(len(noise), -1, -1, -1, -1), noise)
             for sample, sample_frames in zip(samples, frames_from_images(images), strict=True):
                 frames[sample] = resize(sample_frames, width_px, height_px)
         return Prediction(frames)

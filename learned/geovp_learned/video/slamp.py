@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.distributions import Normal, kl_divergence
 from torch.nn import functional
 
 from geovp_learned.methods import Losses
 from geovp_learned.tensors import pixel_grid, sample_images
 from geovp_learned.video import svg
-from geovp_learned.video.latents import Gaussian, kl_divergence
 from geovp_learned.video.svg import RecurrentAutoencoder, Rollout
 from geovp_learned.video.training import VideoNetwork, VideoTraining
 
@@ -47,8 +47,8 @@ class Output(NamedTuple):
     """
 
     prediction: Blend  # [B, T - 1, ...]
-    posteriors: tuple[Gaussian, Gaussian]  # [B, T - 1, latent_size]
-    priors: tuple[Gaussian, Gaussian]
+    posteriors: tuple[Normal, Normal]  # [B, T - 1, latent_size]
+    priors: tuple[Normal, Normal]
 
 
 class SlampNetwork(VideoNetwork):
@@ -89,18 +89,16 @@ class SlampNetwork(VideoNetwork):
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Predict futures [N, F, 3, H, W], each frame from those predicted before it."""
-        rows = len(noise)
-        appearance = Rollout(self.appearance, observed, rows)
-        motion = Rollout(self.motion, _frame_pairs(observed), rows)
-        frames = [observed[:, step].expand(rows, -1, -1, -1) for step in (-2, -1)]
-        base = frames[-1]
-        for step, step_noise in enumerate(noise.unbind(dim=1)):
+        appearance = Rollout(self.appearance, observed)
+        motion = Rollout(self.motion, _frame_pairs(observed))
+        frames = list(observed[:, -2:].unbind(dim=1))
+        for step, step_noise in enumerate(noise.split(1, dim=1)):
             if step > 0:
                 appearance.feed_back(frames[-1])
                 motion.feed_back(torch.cat(frames[-2:], dim=1))
             appearance_noise, motion_noise = step_noise.chunk(2, dim=-1)
             maps, flow = appearance.step(appearance_noise), motion.step(motion_noise)
-            frames.append(self._blend(maps, flow, base, frames[-1]).images)
+            frames.append(self._blend(maps, flow, observed[:, -1], frames[-1]).images)
         return torch.stack(frames[2:], dim=1)
 
     def _blend(self, maps: Tensor, flow: Tensor, base: Tensor, previous: Tensor) -> Blend:
@@ -129,21 +127,19 @@ class SlampTraining(VideoTraining):
         """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
         real, prediction = images[:, 1:], output.prediction
-        nats = [
-            kl_divergence(a, b).mean()
-            for a, b in zip(output.posteriors, output.priors, strict=True)
-        ]
-        parts = {
-            "error": functional.mse_loss(prediction.images, real),
-            "appearance": functional.mse_loss(prediction.appearance, real),
-            "motion": functional.mse_loss(prediction.motion, real),
-            "nats": torch.stack(nats).sum(),
+        branches = zip(output.posteriors, output.priors, strict=True)
+        nats = sum(kl_divergence(a, b).sum(-1).mean() for a, b in branches)
+        error = functional.mse_loss(prediction.images, real)
+        appearance = functional.mse_loss(prediction.appearance, real)
+        motion = functional.mse_loss(prediction.motion, real)
+        weighted = self.appearance_weight * appearance + self.motion_weight * motion
+        return {
+            "total": error + weighted + self.beta * nats,
+            "error": error,
+            "appearance": appearance,
+            "motion": motion,
+            "nats": nats,
         }
-        weights = (1.0, self.appearance_weight, self.motion_weight, self.beta)
-        total = torch.stack(
-            [weight * part for weight, part in zip(weights, parts.values(), strict=True)]
-        ).sum()
-        return {"total": total, **parts}
 
 
 def warp(images: Tensor, flow_px: Tensor) -> Tensor:

@@ -1,21 +1,17 @@
 """SRVP: stochastic latent residual video prediction (Franceschi et al. 2020)."""
 
+import itertools
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.distributions import Normal, kl_divergence
 
 from geovp_learned import methods
 from geovp_learned.methods import Losses
-from geovp_learned.video.autoencoder import (
-    AutoencoderConfig,
-    Decoder,
-    Encoder,
-    last_skips,
-    select_skips,
-)
-from geovp_learned.video.latents import Gaussian, Lstm, kl_divergence
+from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, select_skips
+from geovp_learned.video.latents import Lstm, normal
 from geovp_learned.video.training import VideoNetwork, VideoTraining
 
 
@@ -42,9 +38,9 @@ class Output(NamedTuple):
     """
 
     images: Tensor  # [B, T, 3, H, W]
-    first: Gaussian  # [B, state_size]; its prior is the standard normal
-    posterior: Gaussian  # [B, T - 1, latent_size]
-    prior: Gaussian
+    first: Normal  # [B, state_size]; its prior is the standard normal
+    posterior: Normal  # [B, T - 1, latent_size]
+    prior: Normal
     residuals: Tensor  # [B, T - 1, steps_per_frame, state_size]
 
 
@@ -54,57 +50,36 @@ class SrvpNetwork(VideoNetwork):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        coding, state, latent = (
-            architecture.coding,
-            architecture.state_size,
-            architecture.latent_size,
-        )
+        coding, state = architecture.coding, architecture.state_size
+        latent, content = architecture.latent_size, architecture.content_size
         super().__init__(coding, latent)
-        self.first_frames, self.steps_per_frame = (
-            architecture.first_frames,
-            architecture.steps_per_frame,
-        )
-        content, hidden, layers = (
-            architecture.content_size,
-            architecture.hidden_size,
-            architecture.hidden_layers,
-        )
+        self.architecture = architecture
+        code, hidden = coding.code_size, architecture.hidden_size
+        inner = [hidden] * (architecture.hidden_layers - 1)
         self.encoder = Encoder(coding)
         self.decoder = Decoder(coding, code_size=state + content)
-        self.summand = _perceptron([coding.code_size, hidden, content])
+        self.summand = _perceptron([code, hidden, content])
         self.content = _perceptron([content, hidden, content])
-        self.first = _perceptron(
-            [self.first_frames * coding.code_size, *[hidden] * (layers - 1), 2 * state]
-        )
-        self.posterior = Lstm(coding.code_size, hidden, 1, 2 * latent)
-        self.prior = _perceptron([state, *[hidden] * (layers - 1), 2 * latent])
-        self.residual = _perceptron([state + latent, *[hidden] * (layers - 1), state])
+        self.first = _perceptron([architecture.first_frames * code, *inner, 2 * state])
+        self.posterior = Lstm(code, hidden, 1, 2 * latent)
+        self.prior = _perceptron([state, *inner, 2 * latent])
+        self.residual = _perceptron([state + latent, *inner, state])
 
     def forward(self, images: Tensor, num_past: int) -> Output:
         """Reconstruct all frames [B, T, 3, H, W], with inferred latents and the content of the
         observed ones.
         """
-        batch, steps = images.shape[:2]
         codes, skips, first, posterior = self._infer(images, num_past)
-        states, residuals = [first.sample()], []
-        for latent in posterior.sample().unbind(1):
+        states, residuals = [first.rsample()], []
+        for latent in posterior.rsample().unbind(1):
             state, residual = self.next_state(states[-1], latent)
             states.append(state)
             residuals.append(residual)
         stacked = torch.stack(states, dim=1)
-        prior = Gaussian.from_output(self.prior(stacked[:, :-1]))
-        last = torch.full((steps,), num_past - 1, device=images.device)
-        base = images[:, last].flatten(0, 1)
-        decoded = self._decode(
-            stacked, self._content(codes[:, :num_past]), select_skips(skips, batch, last), base
-        )
-        return Output(
-            decoded.unflatten(0, (batch, steps)),
-            first,
-            posterior,
-            prior,
-            torch.stack(residuals, dim=1),
-        )
+        prior = normal(self.prior(stacked[:, :-1]))
+        content = self._content(codes[:, :num_past])
+        decoded = self._decode(stacked, content, skips, images[:, num_past - 1])
+        return Output(decoded, first, posterior, prior, torch.stack(residuals, dim=1))
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Predict futures [N, F, 3, H, W], their latents drawn from the prior."""
@@ -112,56 +87,48 @@ class SrvpNetwork(VideoNetwork):
         state = first.mean
         for latent in posterior.mean.unbind(1):
             state, _ = self.next_state(state, latent)
-        rows = len(noise)
-        content, skips = (
-            self._content(codes).expand(rows, -1),
-            last_skips(skips, len(observed), rows),
-        )
-        state, base = state.expand(rows, -1), observed[:, -1].expand(rows, -1, -1, -1)
-        predicted = []
+        content, frames = self._content(codes), []
         for step_noise in noise.unbind(dim=1):
-            latent = Gaussian.from_output(self.prior(state)).sample(step_noise)
-            state, _ = self.next_state(state, latent)
-            predicted.append(self._decode(state[:, None], content, skips, base))
-        return torch.stack(predicted, dim=1)
+            prior = normal(self.prior(state))
+            state, _ = self.next_state(state, prior.mean + prior.stddev * step_noise)
+            frames.append(self._decode(state[:, None], content, skips, observed[:, -1]))
+        return torch.cat(frames, dim=1)
 
     def next_state(self, state: Tensor, latent: Tensor) -> tuple[Tensor, Tensor]:
         """Return the state [B, Y] one frame later by Euler steps, and the residuals [B,
         steps_per_frame, Y].
         """
-        residuals = []
-        for _ in range(self.steps_per_frame):
-            residuals.append(
-                1 / self.steps_per_frame * self.residual(torch.cat([state, latent], dim=-1))
-            )
+        residuals, step = [], 1 / self.architecture.steps_per_frame
+        for _ in range(self.architecture.steps_per_frame):
+            residuals.append(step * self.residual(torch.cat([state, latent], dim=-1)))
             state = state + residuals[-1]
         return state, torch.stack(residuals, dim=1)
 
-    def _infer(
-        self, images: Tensor, num_past: int
-    ) -> tuple[Tensor, list[Tensor], Gaussian, Gaussian]:
-        """Infer codes [B, T, code_size], skips [B * T, ...], the first state and the latents [B, T
-        - 1, latent_size].
+    def _infer(self, images: Tensor, num_past: int) -> tuple[Tensor, list[Tensor], Normal, Normal]:
+        """Infer codes [B, T, code_size], skips [B, ...] of the last observed frame, the first state
+        and the latents [B, T - 1, latent_size].
 
         The first state is inferred from the first observed frames; the last is repeated where there
         are too few.
         """
         flat, skips = self.encoder(images.flatten(0, 1))
         codes = flat.unflatten(0, images.shape[:2])
-        first_steps = torch.arange(self.first_frames, device=codes.device).clamp(max=num_past - 1)
-        first = Gaussian.from_output(self.first(codes[:, first_steps].flatten(1)))
-        return codes, skips, first, Gaussian.from_output(self.posterior(codes)[0][:, 1:])
+        first_steps = torch.arange(self.architecture.first_frames).clamp(max=num_past - 1)
+        first = normal(self.first(codes[:, first_steps].flatten(1)))
+        skips = select_skips(skips, len(images), torch.tensor([num_past - 1]))
+        return codes, skips, first, normal(self.posterior(codes)[0][:, 1:])
 
     def _content(self, codes: Tensor) -> Tensor:
         """Return the content [B, W] of observed frames [B, P, code_size], in any order."""
         return torch.tanh(self.content(self.summand(codes).mean(dim=1)))
 
     def _decode(self, states: Tensor, content: Tensor, skips: list[Tensor], base: Tensor) -> Tensor:
-        """Decode states [B, T, Y] to images [B * T, 3, H, W]."""
-        codes = torch.cat(
-            [states, content[:, None].expand(-1, states.shape[1], -1)], dim=-1
-        ).flatten(0, 1)
-        return self.images(self.decoder(codes, skips), base)
+        """Decode states [B, T, Y] to images [B, T, 3, H, W], with skips and base of one frame."""
+        num_steps = states.shape[1]
+        codes = torch.cat([states, content[:, None].expand(-1, num_steps, -1)], dim=-1)
+        *skips, base = (maps.repeat_interleave(num_steps, dim=0) for maps in (*skips, base))
+        images = self.images(self.decoder(codes.flatten(0, 1), skips), base)
+        return images.unflatten(0, (-1, num_steps))
 
 
 @dataclass(frozen=True)
@@ -184,15 +151,10 @@ class SrvpTraining(VideoTraining):
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Return the nats of a clip, divided by the number of its values."""
         output: Output = network(images, self.num_past)
-        error = (
-            0.5
-            * ((output.images - images) / self.observation_std).square().sum((1, 2, 3, 4)).mean()
-        )
-        standard = Gaussian(
-            *(torch.zeros_like(part) for part in output.first)
-        )  # mean 0 and variance 1
-        first = kl_divergence(output.first, standard).mean()
-        nats = kl_divergence(output.posterior, output.prior).sum(1).mean()
+        squares = ((output.images - images) / self.observation_std).square()
+        error = 0.5 * squares.sum((1, 2, 3, 4)).mean()
+        first = kl_divergence(output.first, Normal(0.0, 1.0)).sum(-1).mean()
+        nats = kl_divergence(output.posterior, output.prior).sum((1, 2)).mean()
         residual = output.residuals.norm(dim=-1).sum((1, 2)).mean()
         total = error + self.beta_first * first + self.beta * nats + self.residual_weight * residual
         parts = {
@@ -208,6 +170,6 @@ class SrvpTraining(VideoTraining):
 def _perceptron(sizes: list[int]) -> nn.Sequential:
     """Build linear layers with ReLU between them."""
     layers: list[nn.Module] = []
-    for n in range(len(sizes) - 1):
-        layers += [nn.Linear(sizes[n], sizes[n + 1]), nn.ReLU()]
+    for in_size, out_size in itertools.pairwise(sizes):
+        layers += [nn.Linear(in_size, out_size), nn.ReLU()]
     return nn.Sequential(*layers[:-1])

@@ -5,17 +5,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.distributions import Normal, kl_divergence
 from torch.nn import functional
 
 from geovp_learned.methods import Losses
-from geovp_learned.video.autoencoder import (
-    AutoencoderConfig,
-    Decoder,
-    Encoder,
-    last_skips,
-    select_skips,
-)
-from geovp_learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
+from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, select_skips
+from geovp_learned.video.latents import Lstm, normal
 from geovp_learned.video.training import VideoNetwork, VideoTraining
 
 
@@ -34,8 +29,8 @@ class Output(NamedTuple):
     """Predictions of all steps but the first, and the distributions of their latents."""
 
     images: Tensor  # [B, T - 1, 3, H, W]
-    posterior: Gaussian  # [B, T - 1, latent_size]
-    prior: Gaussian
+    posterior: Normal  # [B, T - 1, latent_size]
+    prior: Normal
 
 
 class RecurrentAutoencoder(VideoNetwork):
@@ -48,69 +43,60 @@ class RecurrentAutoencoder(VideoNetwork):
     def __init__(
         self, architecture: Architecture, in_channels: int = 3, out_channels: int = 3
     ) -> None:
-        coding, hidden, latent = (
-            architecture.coding,
-            architecture.hidden_size,
-            architecture.latent_size,
-        )
+        coding, hidden = architecture.coding, architecture.hidden_size
+        latent, layers = architecture.latent_size, architecture.latent_layers
         super().__init__(coding, latent)
+        code = coding.code_size
         self.encoder, self.decoder = Encoder(coding, in_channels), Decoder(coding, out_channels)
-        self.posterior = Lstm(coding.code_size, hidden, architecture.latent_layers, 2 * latent)
-        self.prior = Lstm(coding.code_size, hidden, architecture.latent_layers, 2 * latent)
-        self.predictor = Lstm(
-            coding.code_size + latent, hidden, architecture.predictor_layers, coding.code_size
-        )
+        self.posterior = Lstm(code, hidden, layers, 2 * latent)
+        self.prior = Lstm(code, hidden, layers, 2 * latent)
+        self.predictor = Lstm(code + latent, hidden, architecture.predictor_layers, code)
 
     def encode(self, inputs: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Encode inputs [B, T, C, H, W] as codes [B, T, code_size] and skips [B * T, ...]."""
         flat, skips = self.encoder(inputs.flatten(0, 1))
         return flat.unflatten(0, inputs.shape[:2]), skips
 
-    def teacher_forced(
-        self, inputs: Tensor, skip_steps: Tensor
-    ) -> tuple[Tensor, Gaussian, Gaussian]:
+    def teacher_forced(self, inputs: Tensor, skip_steps: Tensor) -> tuple[Tensor, Normal, Normal]:
         """Return decoded maps [B * (T - 1), C, H, W], posterior and prior, each step predicted from
         the real input before it.
 
         The decoder takes the skips of the inputs at `skip_steps` [T - 1].
         """
         codes, skips = self.encode(inputs)
-        posterior = Gaussian.from_output(self.posterior(codes[:, 1:])[0])
-        prior = Gaussian.from_output(self.prior(codes[:, :-1])[0])
-        predicted = torch.tanh(
-            self.predictor(torch.cat([codes[:, :-1], posterior.sample()], dim=-1))[0]
-        )
-        maps = self.decoder(predicted.flatten(0, 1), select_skips(skips, len(inputs), skip_steps))
-        return maps, posterior, prior
+        posterior = normal(self.posterior(codes[:, 1:])[0])
+        prior = normal(self.prior(codes[:, :-1])[0])
+        predicted, _ = self.predictor(torch.cat([codes[:, :-1], posterior.rsample()], dim=-1))
+        skips = select_skips(skips, len(inputs), skip_steps)
+        return self.decoder(torch.tanh(predicted).flatten(0, 1), skips), posterior, prior
 
 
 class Rollout:
     """Prediction step by step; the skips stay those of the last observed input."""
 
-    def __init__(self, network: RecurrentAutoencoder, observed: Tensor, rows: int) -> None:
-        """Start after observed inputs [B, P, C, H, W]; B is 1 or `rows`."""
+    def __init__(self, network: RecurrentAutoencoder, observed: Tensor) -> None:
+        """Start after observed inputs [N, P, C, H, W]."""
         self.network = network
         codes, skips = network.encode(observed)
-        latents = Gaussian.from_output(network.posterior(codes[:, 1:])[0]).mean
-        self.prior_state = expand_state(network.prior(codes[:, :-1])[1], rows)
-        self.state = expand_state(
-            network.predictor(torch.cat([codes[:, :-1], latents], dim=-1))[1], rows
-        )
-        self.skips = last_skips(skips, len(codes), rows)
-        self.code = codes[:, -1].expand(rows, -1)
+        latents = normal(network.posterior(codes[:, 1:])[0]).mean
+        _, self.prior_state = network.prior(codes[:, :-1])
+        _, self.state = network.predictor(torch.cat([codes[:, :-1], latents], dim=-1))
+        self.skips = select_skips(skips, len(codes), torch.tensor([-1]))
+        self.code = codes[:, -1:]
 
     def step(self, noise: Tensor) -> Tensor:
-        """Decode maps [N, C, H, W] of the next step, its latent drawn from the prior."""
-        output, self.prior_state = self.network.prior.step(self.code, self.prior_state)
-        latent = Gaussian.from_output(output).sample(noise)
-        code, self.state = self.network.predictor.step(
-            torch.cat([self.code, latent], dim=-1), self.state
-        )
-        return self.network.decoder(torch.tanh(code), self.skips)
+        """Decode maps [N, C, H, W] of the next step, its latent drawn from the prior by noise
+        [N, 1, latent_size].
+        """
+        output, self.prior_state = self.network.prior(self.code, self.prior_state)
+        prior = normal(output)
+        inputs = torch.cat([self.code, prior.mean + prior.stddev * noise], dim=-1)
+        codes, self.state = self.network.predictor(inputs, self.state)
+        return self.network.decoder(torch.tanh(codes[:, 0]), self.skips)
 
     def feed_back(self, inputs: Tensor) -> None:
         """Start the next step from predicted inputs [N, C, H, W]."""
-        self.code, _ = self.network.encoder(inputs)
+        self.code, _ = self.network.encode(inputs[:, None])
 
 
 class SvgNetwork(RecurrentAutoencoder):
@@ -127,15 +113,12 @@ class SvgNetwork(RecurrentAutoencoder):
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Predict futures [N, F, 3, H, W], each frame from the one predicted before it."""
-        rollout, base = (
-            Rollout(self, observed, len(noise)),
-            observed[:, -1].expand(len(noise), -1, -1, -1),
-        )
+        rollout = Rollout(self, observed)
         predicted: list[Tensor] = []
-        for step_noise in noise.unbind(dim=1):
+        for step_noise in noise.split(1, dim=1):
             if predicted:
                 rollout.feed_back(predicted[-1])
-            predicted.append(self.images(rollout.step(step_noise), base))
+            predicted.append(self.images(rollout.step(step_noise), observed[:, -1]))
         return torch.stack(predicted, dim=1)
 
 
@@ -152,5 +135,5 @@ class SvgTraining(VideoTraining):
         """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
         error = functional.mse_loss(output.images, images[:, 1:])
-        nats = kl_divergence(output.posterior, output.prior).mean()
+        nats = kl_divergence(output.posterior, output.prior).sum(-1).mean()
         return {"total": error + self.beta * nats, "error": error, "nats": nats}

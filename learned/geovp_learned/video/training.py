@@ -25,8 +25,8 @@ NEAR_STEPS = 5
 class VideoNetwork(nn.Module):
     """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1].
 
-    `predict` gives futures [N, F, 3, H, W] of images [N, P, 3, H, W], or of the same [1, P, 3, H,
-    W] for all; futures of the same past differ by the noise [N, F, noise_size] alone.
+    `predict` gives futures [N, F, 3, H, W] of images [N, P, 3, H, W]; futures of the same past
+    differ by the noise [N, F, noise_size] alone.
     """
 
     predict: Callable[[Tensor, Tensor], Tensor]
@@ -34,17 +34,13 @@ class VideoNetwork(nn.Module):
     def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
         """Build the network; `noise_size` normal numbers decide on one predicted frame."""
         super().__init__()
-        self.size_px, self.noise_size, self.is_residual = (
-            coding.size_px,
-            noise_size,
-            coding.residual,
-        )
+        self.coding, self.noise_size = coding, noise_size
 
     def images(self, maps: Tensor, base: Tensor) -> Tensor:
         """Return the sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of
         the base's logits.
         """
-        return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.is_residual else maps)
+        return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.coding.residual else maps)
 
 
 @dataclass(frozen=True)
@@ -113,40 +109,33 @@ class VideoTraining(ABC):
         generator = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            images = images_from_frames(np.stack(examples[start : start + VALIDATION_BATCH])).to(
-                device
-            )
+            frames = np.stack(examples[start : start + VALIDATION_BATCH])
+            images = images_from_frames(frames).to(device)
             observed, future = images[:, : self.num_past], images[:, self.num_past :]
-            noises = (
-                torch.randn((*future.shape[:2], network.noise_size), generator=generator)
+            shape = (*future.shape[:2], network.noise_size)
+            sample, other = (
+                network.predict(observed, torch.randn(shape, generator=generator).to(device))
                 for _ in range(2)
             )
-            sample, other = (network.predict(observed, noise.to(device)) for noise in noises)
+            copied = psnr_db(observed[:, -1:].expand_as(future), future)
             spread = (sample - other).abs().mean((-3, -2, -1)) * 255
-            rows.append(
-                (
-                    psnr_db(sample, future),
-                    psnr_db(observed[:, -1:].expand_as(future), future),
-                    spread,
-                )
-            )
-        psnr, copied, spreads = (
-            torch.cat(column) for column in zip(*rows, strict=True)
-        )  # [N, F] each
+            rows.append(torch.stack([psnr_db(sample, future), copied, spread]))
+        numbers = torch.cat(rows, dim=1)  # [3, N, F]
+        psnr, copied_db, spread_levels = numbers.mean((1, 2)).tolist()
+        psnr_near, copied_near, _ = numbers[..., :NEAR_STEPS].mean((1, 2)).tolist()
         return {
-            "score": -float(psnr.mean()),
-            "psnr": float(psnr.mean()),
-            "psnr_near": float(psnr[:, :NEAR_STEPS].mean()),
-            "copy_last": float(copied.mean()),
-            "copy_last_near": float(copied[:, :NEAR_STEPS].mean()),
-            "spread": float(spreads.mean()),
+            "score": -psnr,
+            "psnr": psnr,
+            "psnr_near": psnr_near,
+            "copy_last": copied_db,
+            "copy_last_near": copied_near,
+            "spread": spread_levels,
         }
 
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
     """Return the network without Fabric's wrapper."""
-    module = network if isinstance(network, VideoNetwork) else network.module
-    assert isinstance(module, VideoNetwork)
+    module: Any = network if isinstance(network, VideoNetwork) else network.module
     return module
 
 

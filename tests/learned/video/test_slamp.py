@@ -33,7 +33,9 @@ def test_an_untrained_residual_network_copies_the_last_frame() -> None:
     network = SlampNetwork(Architecture(coding, 8, latent_size=2, mask_width=4)).eval()
     observed = torch.rand(1, 3, 3, 8, 8) * 0.8 + 0.1
     with torch.no_grad():
-        made = network.predict(observed, torch.randn(2, 4, network.noise_size))
+        made = network.predict(
+            observed.expand(2, -1, -1, -1, -1), torch.randn(2, 4, network.noise_size)
+        )
     torch.testing.assert_close(made, observed[:, -1:].expand(2, 4, -1, -1, -1), atol=1e-4, rtol=0)
 
 

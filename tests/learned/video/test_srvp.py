@@ -35,7 +35,8 @@ def still(own: SrvpNetwork) -> SrvpNetwork:
 
 def test_without_residuals_the_frame_repeats() -> None:
     own = still(network())
-    observed, noise = torch.rand(1, 4, 3, 8, 8), torch.randn(2, 5, own.noise_size)
+    observed = torch.rand(1, 4, 3, 8, 8).expand(2, -1, -1, -1, -1)
+    noise = torch.randn(2, 5, own.noise_size)
     with torch.no_grad():
         made = own.predict(observed, noise)
     torch.testing.assert_close(made, made[:1, :1].expand_as(made), atol=1e-6, rtol=0)
