@@ -1,7 +1,5 @@
 """Frames as the networks need them: seen by the network's own camera, channels first, in [0, 1]."""
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 import torch
@@ -9,6 +7,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics, Trajectory
 
 MIRROR = np.diag(
@@ -33,8 +32,7 @@ def frames_from_images(images: Tensor) -> ByteArray:
 
 def grey(frame: ByteArray) -> ByteArray:
     """Convert a frame [H, W, 3] to grey, in three equal channels."""
-    luma = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
-    return np.repeat(np.asarray(luma, dtype=np.uint8)[..., None], 3, axis=2)
+    return np.repeat(pinhole.grey8(frame)[..., None], 3, axis=2)
 
 
 def metric_trajectory(clip: Clip, method: str) -> Trajectory:
@@ -47,23 +45,17 @@ def metric_trajectory(clip: Clip, method: str) -> Trajectory:
 
 
 def shrink(
-    frames: Sequence[ByteArray], camera: Intrinsics, wanted: Intrinsics
-) -> tuple[list[ByteArray], Intrinsics]:
-    """Shrink frames [H, W, 3] to the focal lengths of another camera if that makes them smaller;
-    return their camera, too.
+    frame: ByteArray, camera: Intrinsics, wanted: Intrinsics
+) -> tuple[ByteArray, Intrinsics]:
+    """Shrink a frame [H, W, 3] to the focal lengths of another camera if that makes it smaller;
+    return its camera, too.
 
     Area averages, so that later sampling does not alias.
     """
     width_px = max(round(camera.width_px * min(1.0, wanted.fx_px / camera.fx_px)), 1)
     height_px = max(round(camera.height_px * min(1.0, wanted.fy_px / camera.fy_px)), 1)
-    if (width_px, height_px) == (camera.width_px, camera.height_px):
-        return list(frames), camera
-    resized = [
-        cv2.resize(frame, (width_px, height_px), interpolation=cv2.INTER_AREA) for frame in frames
-    ]
-    return [np.asarray(frame, dtype=np.uint8) for frame in resized], camera.resized(
-        width_px, height_px
-    )
+    resized = pinhole.resize(frame, (width_px, height_px))
+    return resized, camera.resized(width_px, height_px)
 
 
 def reproject(
@@ -82,14 +74,12 @@ def reproject(
     rotation = np.eye(3) if cam_from_wanted is None else cam_from_wanted
     if mirrored:
         rotation = rotation @ MIRROR[:3, :3]
-    homography = (
-        camera.matrix @ rotation @ np.linalg.inv(wanted.matrix)
-    )  # pixels of the frame from those wanted
+    # pixels of the frame from those wanted
+    homography = camera.matrix @ rotation @ np.linalg.inv(wanted.matrix)
     flags, size_px = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (wanted.width_px, wanted.height_px)
-    warped = cv2.warpPerspective(
+    return cv2.warpPerspective(
         frame, homography, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
-    return np.asarray(warped, dtype=np.uint8)
 
 
 def pixel_grid(size_px: tuple[int, int], like: Tensor) -> Tensor:

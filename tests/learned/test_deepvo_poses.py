@@ -12,7 +12,7 @@ from geovp_classic import registry
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
-from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images
+from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_image
 from geovp_learned.deepvo.train import DeepVoTraining
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
@@ -68,7 +68,10 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
     narrow = replace(TINY, focal_widths=2.0)
 
     def seen(context: Context, architecture: Architecture) -> torch.Tensor:
-        return network_images(list(context.frames), context.intrinsics, architecture)
+        wanted = architecture.camera
+        return torch.stack(
+            [network_image(frame, context.intrinsics, wanted) for frame in context.frames]
+        )
 
     difference = (seen(whole, narrow) - seen(small, narrow)).abs()
     assert float(difference.mean()) < 0.04

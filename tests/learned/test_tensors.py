@@ -40,7 +40,7 @@ def test_another_calibration_and_a_turned_camera_see_what_their_own_rays_see() -
 
 def test_shrinking_keeps_directions_and_never_enlarges() -> None:
     wanted = Intrinsics(50.0, 400.0, 31.5, 31.5, 64, 64)
-    (small,), camera = shrink([view(CAMERA)], CAMERA, wanted)
+    small, camera = shrink(view(CAMERA), CAMERA, wanted)
     assert small.shape == (80, 50, 3)  # half as wide; as high as it was
     assert (camera.fx_px, camera.fy_px, camera.cx_px) == (50.0, 100.0, 24.5)
     np.testing.assert_allclose(small.astype(int), view(camera), atol=3)

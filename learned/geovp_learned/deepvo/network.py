@@ -12,9 +12,8 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import Incompatible
 from geovp_classic.types import Intrinsics
-from geovp_learned.methods import check_counts
 
 Head = Literal["2d", "3d"]
 
@@ -22,10 +21,8 @@ FLOWNET = (  # channels, kernel size and stride of each convolution
     *((64, 7, 2), (128, 5, 2), (256, 5, 2), (256, 3, 1), (512, 3, 2)),
     *((512, 3, 1), (512, 3, 2), (512, 3, 1), (1024, 3, 2)),
 )
-STEP_SCALES = {
-    "2d": (0.1, 1.0, 0.02),
-    "3d": (0.1, 0.1, 1.0, 0.02, 0.02, 0.02),
-}  # metres, radians; a car at 10 Hz
+STEP_SCALES = (0.1, 0.1, 1.0, 0.02, 0.02, 0.02)  # of x, y, z, yaw, pitch, roll; a car at 10 Hz
+AXES = {"2d": (0, 2, 3), "3d": (0, 1, 2, 3, 4, 5)}  # of these, in a step
 PAIRS_AT_ONCE = 256  # through the encoder, so that long videos fit into memory
 
 
@@ -49,18 +46,6 @@ class Architecture:
     decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
     window_pairs: int = 4  # of the fixed window
     window_future: int = 20  # steps that the fixed window predicts
-
-    def __post_init__(self) -> None:
-        if min(self.size_px) < 64:
-            raise BadData(
-                f"architecture.size_px is {list(self.size_px)}, expected 64 or more: six layers "
-                "halve it"
-            )
-        check_counts(self, "lstm_size", "lstm_layers", "window_pairs", "window_future")
-        if not (self.encoder_width > 0 and self.focal_widths > 0 and 0 <= self.dropout < 1):
-            raise BadData(
-                "architecture: encoder_width and focal_widths must be above 0, dropout in [0, 1)"
-            )
 
     @property
     def camera(self) -> Intrinsics:
@@ -88,7 +73,7 @@ class PoseNetwork(nn.Module):
         self.past_head = StepHead(size, architecture.head)
         self.future: Decoder | FixedWindow
         if architecture.future == "recurrent":
-            self.future = Decoder(architecture, self.past_head.num_outputs)
+            self.future = Decoder(architecture)
         else:
             self.future = FixedWindow(architecture, features)
         self.train()
@@ -108,27 +93,20 @@ class PoseNetwork(nn.Module):
         """Encode consecutive pairs, stacked in their channels, as features [B, P - 1, N]."""
         pairs = torch.cat([images[:, :-1], images[:, 1:]], dim=2) - 0.5
         batch, count = pairs.shape[:2]
-        flat = pairs.reshape(batch * count, *pairs.shape[2:]).contiguous(
-            memory_format=torch.channels_last
-        )
-        if self.training or len(flat) <= PAIRS_AT_ONCE:
-            return self.encoder(flat).reshape(batch, count, -1)
-        return torch.cat([self.encoder(part) for part in flat.split(PAIRS_AT_ONCE)]).reshape(
-            batch, count, -1
-        )
+        flat = pairs.flatten(0, 1).contiguous(memory_format=torch.channels_last)
+        parts = [flat] if self.training else flat.split(PAIRS_AT_ONCE)
+        return torch.cat([self.encoder(part) for part in parts]).unflatten(0, (batch, count))
 
 
 class Decoder(nn.Module):
     """An LSTM that is fed zeros, so its output depends on its first state alone (eq. 3.3)."""
 
-    def __init__(self, architecture: Architecture, num_outputs: int) -> None:
+    def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         size, layers = architecture.lstm_size, architecture.lstm_layers
-        self.from_poses = (
-            nn.LSTM(num_outputs, size, layers, batch_first=True)
-            if architecture.decoder_start == "poses"
-            else None
-        )
+        self.from_poses: nn.LSTM | None = None
+        if architecture.decoder_start == "poses":
+            self.from_poses = nn.LSTM(len(AXES[architecture.head]), size, layers, batch_first=True)
         self.lstm = nn.LSTM(1, size, layers, batch_first=True)
         self.head = StepHead(size, architecture.head)
 
@@ -161,13 +139,9 @@ class FixedWindow(nn.Module):
         is too long.
         """
         if features.shape[1] < self.num_pairs or num_future > self.num_future:
-            takes = (
-                f"takes {self.num_pairs + 1} frames or more and predicts {self.num_future} steps "
-                "at most"
-            )
-            given = f"{features.shape[1] + 1} frames and {num_future} steps"
             raise Incompatible(
-                f"a fixed-window pose predictor {takes}, not {given}: use a recurrent one"
+                f"a fixed-window pose predictor takes {self.num_pairs + 1} frames or more and "
+                f"predicts {self.num_future} steps at most: use a recurrent one"
             )
         window = nn.functional.leaky_relu(self.each(features[:, -self.num_pairs :]), 0.1).flatten(1)
         hidden = self.out(self.together(window)).unflatten(1, (self.num_future, -1))
@@ -183,9 +157,9 @@ class StepHead(nn.Module):
 
     def __init__(self, size: int, head: Head) -> None:
         super().__init__()
-        self.register_buffer("scale", torch.tensor(STEP_SCALES[head]), persistent=False)
-        self.num_outputs = len(STEP_SCALES[head])
-        self.linear = nn.Linear(size, self.num_outputs)
+        scale = torch.tensor([STEP_SCALES[axis] for axis in AXES[head]])
+        self.register_buffer("scale", scale, persistent=False)
+        self.linear = nn.Linear(size, len(scale))
 
     def forward(self, hidden: Tensor) -> Tensor:
         """Map hidden states [..., N] to steps [..., D]."""
@@ -215,36 +189,28 @@ def motions(steps: Tensor, head: Head) -> Tensor:
     Angles turn about y (yaw, to the right), then x (pitch), then z (roll), each about the axis
     already turned.
     """
-    if head == "2d":
-        x, z, yaw = steps.unbind(-1)
-        y, pitch, roll = torch.zeros_like(x), torch.zeros_like(x), torch.zeros_like(x)
-    else:
-        x, y, z, yaw, pitch, roll = steps.unbind(-1)
-    (sy, cy), (sp, cp), (sr, cr) = (
-        (torch.sin(angle), torch.cos(angle)) for angle in (yaw, pitch, roll)
-    )
-    zero, unit = torch.zeros_like(x), torch.ones_like(x)
-    rows = [
-        *(cy * cr + sy * sp * sr, -cy * sr + sy * sp * cr, sy * cp, x),
-        *(cp * sr, cp * cr, -sp, y),
-        *(-sy * cr + cy * sp * sr, sy * sr + cy * sp * cr, cy * cp, z),
-        *(zero, zero, zero, unit),
-    ]
-    return torch.stack(rows, dim=-1).unflatten(-1, (4, 4))
+    numbers = steps.new_zeros(*steps.shape[:-1], 6)
+    numbers[..., AXES[head]] = steps
+    halves = steps.new_zeros(3, 4, 4)
+    halves[(0, 1, 2), (0, 2, 1), (2, 1, 0)] = 1.0
+    generators = halves - halves.mT  # of rotations about y, x and z
+    rotations = torch.matrix_exp(numbers[..., 3:, None, None] * generators)
+    yawed, pitched, rolled = rotations.unbind(-3)
+    motion = yawed @ pitched @ rolled
+    motion[..., :3, 3] = numbers[..., :3]
+    return motion
 
 
-def coordinates(first_from_cam: Tensor, head: Head) -> tuple[Tensor, Tensor]:
-    """Return translation [..., 2 or 3] and angles [..., 1 or 3] of motions [..., 4, 4]; the inverse
-    of `motions`.
+def coordinates(first_from_cam: Tensor, head: Head) -> Tensor:
+    """Return the steps [..., D] of motions [..., 4, 4]; the inverse of `motions`.
 
     In 2D they are those on the first camera's own x-z plane.
     """
     yaw = torch.atan2(first_from_cam[..., 0, 2], first_from_cam[..., 2, 2])
-    if head == "2d":
-        return first_from_cam[..., (0, 2), 3], yaw[..., None]
     pitch = torch.asin((-first_from_cam[..., 1, 2]).clamp(-1 + 1e-6, 1 - 1e-6))
     roll = torch.atan2(first_from_cam[..., 1, 0], first_from_cam[..., 1, 1])
-    return first_from_cam[..., :3, 3], torch.stack([yaw, pitch, roll], dim=-1)
+    angles = torch.stack([yaw, pitch, roll], dim=-1)
+    return torch.cat([first_from_cam[..., :3, 3], angles], dim=-1)[..., AXES[head]]
 
 
 def chained(relative: Tensor) -> Tensor:
@@ -261,10 +227,8 @@ def squared_errors(predicted: Tensor, real: Tensor, head: Head) -> tuple[Tensor,
     """Return squared translation (m^2) and squared rotation (rad^2) [...] between poses [..., 4,
     4]: the terms of eq. 3.6.
     """
-    (moved, turned), (really_moved, really_turned) = (
-        coordinates(predicted, head),
-        coordinates(real, head),
-    )
-    angle = turned - really_turned
-    wrapped = torch.atan2(torch.sin(angle), torch.cos(angle))
-    return ((moved - really_moved) ** 2).sum(-1), (wrapped**2).sum(-1)
+    difference = coordinates(predicted, head) - coordinates(real, head)
+    num_lengths = AXES[head].index(3)
+    angles = difference[..., num_lengths:]
+    wrapped = torch.atan2(torch.sin(angles), torch.cos(angles))
+    return (difference[..., :num_lengths] ** 2).sum(-1), (wrapped**2).sum(-1)

@@ -1,6 +1,6 @@
 """DeepVO as a pose source (past and future), and as an odometry (the past alone)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from geovp_classic.errors import Incompatible
-from geovp_classic.geometry import se3
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -20,7 +19,7 @@ from geovp_classic.types import (
     Trajectory,
 )
 from geovp_learned import checkpoints, devices
-from geovp_learned.deepvo.network import Architecture, motions
+from geovp_learned.deepvo.network import chained, motions
 from geovp_learned.tensors import images_from_frames, reproject, shrink
 
 
@@ -34,28 +33,27 @@ class _PretrainedDeepVo(checkpoints.Pretrained):
         camera = self.load()[1].architecture.camera
         return f"works at {camera.width_px}x{camera.height_px} on all observed frames"
 
-    def images(self, frames: Sequence[ByteArray], camera: Intrinsics) -> Tensor:
-        """Convert frames [H, W, 3] to the network's images [P, 3, H, W]."""
-        return network_images(frames, camera, self.load()[1].architecture)
-
     @torch.inference_mode()
-    def poses(self, images: Tensor, times_s: FloatArray) -> tuple[Trajectory, FloatArray]:
+    def poses(
+        self, frames: Iterable[ByteArray], camera: Intrinsics, times_s: FloatArray
+    ) -> tuple[Trajectory, FloatArray]:
         """Estimate the past, in the first camera's frame, and the poses [F, 4, 4] at the later ones
         of the times [P + F].
         """
-        if len(images) < 2:
+        network, settings = self.load()
+        wanted, head = settings.architecture.camera, settings.architecture.head
+        images = torch.stack([network_image(frame, camera, wanted) for frame in frames])
+        num_past = len(images)
+        if num_past < 2:
             raise Incompatible(
                 "deepvo compares pairs of frames, the past has but one: give num_past of 2 or more"
             )
-        (network, settings), num_past = self.load(), len(images)
         with devices.one_thread():
             steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
-        past, future = (
-            motions(part[0].double().cpu(), settings.architecture.head).numpy() for part in steps
-        )
-        world_from_cam = np.concatenate([np.eye(4)[None], _chained(past)])
+        past, future = (chained(motions(part[0].double().cpu(), head)).numpy() for part in steps)
+        world_from_cam = np.concatenate([np.eye(4)[None], past])
         trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)
-        return trajectory, world_from_cam[-1] @ _chained(future)
+        return trajectory, world_from_cam[-1] @ future
 
 
 @dataclass(frozen=True)
@@ -69,9 +67,7 @@ class DeepVo(_PretrainedDeepVo):
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Estimate the motion; raise Incompatible for fewer than two frames."""
-        past, futures = self.poses(
-            self.images(list(context.frames), context.intrinsics), context.times_s
-        )
+        past, futures = self.poses(context.frames, context.intrinsics, context.times_s)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
 
@@ -94,27 +90,12 @@ class DeepVoOdometry(_PretrainedDeepVo):
         """Track a whole sequence, read frame by frame; the scale was learnt, so the camera's height
         is not used.
         """
-        images = torch.cat([self.images([frame], intrinsics) for frame in frames])
-        return self.poses(images, times_s)[0], np.ones(len(images), dtype=bool)
+        past, _ = self.poses(frames, intrinsics, times_s)
+        return past, np.ones(len(past), dtype=bool)
 
 
-def network_images(
-    frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture
-) -> Tensor:
-    """Convert frames [H, W, 3] to images [P, 3, H, W] in [0, 1] as the network's camera would have
-    taken them.
+def network_image(frame: ByteArray, camera: Intrinsics, wanted: Intrinsics) -> Tensor:
+    """Convert a frame [H, W, 3] to the image [3, H', W'] in [0, 1] that another camera would have
+    taken.
     """
-    resized, camera = shrink(frames, camera, architecture.camera)
-    return images_from_frames(
-        np.stack([reproject(frame, camera, architecture.camera) for frame in resized])
-    )
-
-
-def _chained(relative: FloatArray) -> FloatArray:
-    """Chain motions to poses [N, 4, 4] in the first camera's frame, kept orthonormal over long
-    videos (eq. 3.4).
-    """
-    poses: list[FloatArray] = [np.eye(4)]
-    for motion in relative:
-        poses.append(se3.orthonormalised(poses[-1] @ motion))
-    return np.stack(poses[1:])
+    return images_from_frames(reproject(*shrink(frame, camera, wanted), wanted))

@@ -46,11 +46,9 @@ class DeepVoTraining:
     stored_networks: ClassVar[tuple[str, ...]] = ("poses",)
 
     def __post_init__(self) -> None:
-        if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
+        if not 2 <= self.shortest_past <= self.num_past:
             raise BadData(
-                f"shortest_past {self.shortest_past}, num_past {self.num_past}, num_future "
-                f"{self.num_future}: expected "
-                "2 <= shortest_past <= num_past and at least one future step"
+                f"shortest_past is {self.shortest_past}, expected 2 to num_past ({self.num_past})"
             )
 
     def build(self) -> dict[str, nn.Module]:
@@ -134,12 +132,8 @@ class DeepVoTraining:
         head, split = self.architecture.head, past.shape[1]
         ahead = squared_errors(chained(motions(future, head)), chained(real[:, split:]), head)
         behind = squared_errors(motions(past, head), real[:, :split], head)
-        (ahead_m, ahead_rad), (behind_m, behind_rad) = (
-            (each.sqrt().mean(1) for each in pair) for pair in (ahead, behind)
-        )
-        return torch.stack(
-            [ahead_m, torch.rad2deg(ahead_rad), behind_m, torch.rad2deg(behind_rad)], dim=1
-        )
+        means = torch.stack([squares.sqrt().mean(1) for squares in (*ahead, *behind)], dim=1)
+        return means * torch.tensor([1.0, 180 / torch.pi, 1.0, 180 / torch.pi])  # m, deg, m, deg
 
 
 def _mean(values: Tensor, weights: Tensor) -> Tensor:

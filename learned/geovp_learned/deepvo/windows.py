@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import torch
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
 from geovp_learned import tensors
@@ -47,12 +46,6 @@ class Augmentation:
     grey_probability: float = 0.5
     gamma: float = 0.3  # exponent of brightness, e^(-gamma) to e^gamma
 
-    def __post_init__(self) -> None:
-        for name in ("mirror", "fast", "turn", "grey"):
-            probability = getattr(self, f"{name}_probability")
-            if not 0 <= probability <= 1:
-                raise BadData(f"augmentation.{name}_probability is {probability}, expected 0 to 1")
-
 
 NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -61,8 +54,9 @@ def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
     """Read the clip for a network with this camera; raise BadData if there are no metric poses."""
     trajectory = tensors.metric_trajectory(clip, "deepvo")
     source = clip if clip.full is None else clip.full
-    frames, resized = tensors.shrink(list(source.frames), source.intrinsics, camera)
-    return ResizedClip(tuple(frames), resized, trajectory.world_from_cam)
+    pairs = [tensors.shrink(frame, source.intrinsics, camera) for frame in source.frames]
+    frames, cameras = zip(*pairs, strict=True)
+    return ResizedClip(frames, cameras[0], trajectory.world_from_cam)
 
 
 def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int = 1) -> list[Window]:
@@ -101,16 +95,14 @@ def sample(
     if turning:
         is_known[num_past - 1 :] = False
     # no rotation at the middle of the window, so that its images stay within the wide frame
-    cam_from_turned = _yawed(rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2))
+    yaws_rad = rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2)
+    cam_from_turned = se3.exp(np.outer(yaws_rad, [0, 0, 0, 0, 1, 0]))
     gamma_table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
     images = []
     for step, rotation in zip(steps[:num_past], cam_from_turned[:, :3, :3], strict=False):
-        image = tensors.reproject(
-            clip.frames[step], clip.camera, camera, rotation, mirrored=bool(mirrored)
-        )
-        images.append(
-            np.asarray(cv2.LUT(tensors.grey(image) if grey else image, gamma_table), dtype=np.uint8)
-        )
+        frame = clip.frames[step]
+        image = tensors.reproject(frame, clip.camera, camera, rotation, mirrored=mirrored)
+        images.append(cv2.LUT(tensors.grey(image) if grey else image, gamma_table))
     world_from_cam = clip.world_from_cam[np.minimum(steps, last)] @ cam_from_turned
     relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
     if mirrored:
@@ -120,9 +112,3 @@ def sample(
         "motions": torch.from_numpy(relative).float(),
         "is_known": torch.from_numpy(is_known).float(),
     }
-
-
-def _yawed(yaw_rad: FloatArray) -> FloatArray:
-    """Return rotations [..., 4, 4] about y, to the right."""
-    zero = np.zeros_like(yaw_rad)
-    return se3.exp(np.stack([zero, zero, zero, zero, yaw_rad, zero], axis=-1))

@@ -25,8 +25,7 @@ class VideoPredictor(checkpoints.Pretrained):
     Frames of any size are resized to the network's square and back. Of the observed frames the last
     are used, as many as in training: with more, results get worse (SVG, shown ten instead of five,
     lost 1.3 dB). A sample depends on `seed`, the frames used and its own number alone, so the first
-    samples of a hundred are those of fewer. `samples_at_once` only limits memory; by default ten
-    for a network of 64x64 pixels, fewer for larger ones.
+    samples of a hundred are those of fewer.
     """
 
     seed: int = 0
