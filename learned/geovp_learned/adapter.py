@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import Context, Prediction, PrivilegedInput
 from geovp_learned import checkpoints, devices
@@ -38,11 +39,8 @@ class TorchPredictor(ABC):
 
     def __post_init__(self) -> None:
         if self.checkpoint is not None:
-            object.__setattr__(
-                self, "fingerprint", checkpoints.fingerprint(self.checkpoint, self.fingerprint)
-            )
-        if self.num_past < 0:
-            raise BadData(f"num_past is {self.num_past}, expected 0 (all images) or more")
+            fingerprint = checkpoints.fingerprint(self.checkpoint, self.fingerprint)
+            object.__setattr__(self, "fingerprint", fingerprint)
         object.__setattr__(self, "device", devices.resolved(self.device))
 
     @abstractmethod
@@ -58,12 +56,10 @@ class TorchPredictor(ABC):
         samples = []
         for sample in range(num_samples):
             with torch.random.fork_rng(), devices.one_thread():
-                torch.manual_seed(
-                    int(np.random.SeedSequence([self.seed, sample]).generate_state(1)[0])
-                )
-                samples.append(
-                    frames_from_images(_rollout(_loaded(self), past, context.num_future)[0])
-                )
+                seed = np.random.SeedSequence([self.seed, sample]).generate_state(1)[0]
+                torch.manual_seed(int(seed))
+                images = _rollout(_loaded(self), past, context.num_future)
+            samples.append(frames_from_images(images[0]))
         return Prediction(np.stack(samples))
 
 
@@ -79,13 +75,9 @@ def _loaded(predictor: TorchPredictor) -> nn.Module:
 def _state_dict(file: Path) -> dict[str, Tensor]:
     if file.suffix == ".safetensors":
         return checkpoints.read_tensors(file)[1]
-    try:
+    advice = "save network.state_dict() with torch.save"
+    with files.checked(f"{file} is not a state dict", advice):
         return dict(torch.load(file, map_location="cpu", weights_only=True))
-    except Exception as error:  # torch has many
-        reason = str(error).splitlines()[0]
-        raise BadData(
-            f"{file} is not a state dict ({reason}): save network.state_dict() with torch.save"
-        ) from error
 
 
 def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
@@ -93,15 +85,10 @@ def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
     images, num_past = past, past.shape[1]
     while images.shape[1] < num_past + num_future:
         new = network(images[:, -num_past:])
-        if (
-            new.ndim != 5
-            or new.shape[1] == 0
-            or (new.shape[0], *new.shape[2:]) != (1, *past.shape[2:])
-        ):
-            wanted = f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]"
+        if new.ndim != 5 or new.shape[1] == 0 or new[:, 0].shape != past[:, 0].shape:
             raise BadData(
-                f"{type(network).__name__} gives images {list(new.shape)}, expected {wanted}: "
-                "fix its forward"
+                f"{type(network).__name__} gives images {list(new.shape)}, expected "
+                f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]: fix its forward"
             )
         images = torch.cat([images, new.clamp(0, 1)], dim=1)
     return images[:, num_past : num_past + num_future]

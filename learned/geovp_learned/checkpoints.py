@@ -9,24 +9,24 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import load as loaded
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from geovp_classic import files, registry
 from geovp_classic.data import atomic
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
 from geovp_learned import devices, methods
 
 LIMIT_BYTES = 16384 * files.MIB
 FORMAT = "geovp-weights-1"
+UNKNOWN_ORIGIN = "the file does not say on what it was trained"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Pretrained:
         """Return the weights file."""
         return self.checkpoint or shipped(self.method)
 
-    def load(self) -> tuple[nn.Module, Any]:
+    def load(self) -> tuple[Any, Any]:
         """Load the network, ready to predict, and the settings that it was trained with."""
         return load(self.method, self.file, self.fingerprint, self.device)
 
@@ -67,34 +67,28 @@ class Pretrained:
     @property
     def weights_note(self) -> str:
         """Describe the weights in a note below tables, from the metadata of their file alone."""
-        history = read_metadata(self.file).get("history", {})
+        history = read_tensors(self.file)[0].get("history", {})
         count = sum(parameter.numel() for parameter in self.load()[0].parameters())
-        name = f"{self.method} weights {self.file.name} {self.fingerprint}"
         facts = [
-            *filter(None, (name, self.input_note)),
+            f"{self.method} weights {self.file.name} {self.fingerprint}",
+            self.input_note,
             f"{count:,} parameters on {devices.described(self.device)}",
         ]
         if "step" in history:
             planned, minutes = history["training"]["num_steps"], history["seconds"] / 60
             facts.append(f"{history['step']} of {planned} training steps, {minutes:.1f} minutes")
         datasets = " and ".join(map(_dataset_note, history.get("train", [])))
-        return "; ".join(
-            [
-                *facts,
-                f"trained on {datasets}"
-                if datasets
-                else "the file does not say on what it was trained",
-            ]
-        )
+        origin = f"trained on {datasets}" if datasets else UNKNOWN_ORIGIN
+        return "; ".join(filter(None, [*facts, origin]))
 
 
 def shipped(method: str) -> Path:
     """Return the path of the weights file that comes with the package."""
-    return Path(str(resources.files("geovp_learned").joinpath("weights", f"{method}.safetensors")))
+    return Path(__file__).with_name("weights") / f"{method}.safetensors"
 
 
 @functools.lru_cache(maxsize=8)
-def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Module, Any]:
+def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[Any, Any]:
     """Load the first network in a weights file, and its settings, once per process; raise BadData
     if it cannot be used.
 
@@ -136,33 +130,30 @@ def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
     BadData in one sentence when the file is missing, damaged, or of another method.
     """
     metadata, tensors = read_tensors(file)
-    if metadata.get("format") != FORMAT or metadata.get("method") != method:
-        held = f"{metadata.get('format', 'no format')}, {metadata.get('method', 'no method')}"
+    held = metadata.get("format", "no format"), metadata.get("method", "no method")
+    if held != (FORMAT, method):
         raise BadData(
-            f"{file} holds {held}, expected {FORMAT}, {method}: give weights trained with "
-            f"`train {method}`"
+            f"{file} holds {', '.join(held)}, expected {FORMAT}, {method}: give weights trained "
+            f"with `train {method}`"
         )
-    try:
+    what = f"{file} has settings that do not suit {method}"
+    with files.checked(what, "train it or get it again"):
         return registry.construct(kind, metadata["settings"], "settings"), tensors
-    except (GeovpError, KeyError, TypeError, AttributeError) as error:
-        raise BadData(
-            f"{file} has settings that do not suit {method} ({error}): train it or get it again"
-        ) from error
 
 
-def fingerprint(file: Path, wanted: str = "") -> str:
-    """Return the first 12 digits of a file's SHA-256; raise BadData if they differ from those
-    expected.
+def fingerprint(path: Path, wanted: str = "") -> str:
+    """Return the first 12 digits of the SHA-256 of a file, or of a folder's safetensors and JSON
+    files; raise BadData if they differ from those expected.
     """
-    try:
-        digits = hashlib.sha256(files.read_bytes(file, LIMIT_BYTES)).hexdigest()[:12]
-    except BadData as error:
-        raise BadData(
-            f"weights {file} do not exist or cannot be read ({error}): give a safetensors file"
-        ) from error
+    if path.is_dir():
+        parts = sorted([*path.glob("*.safetensors"), *path.glob("*.json")])
+        content = "".join(part.name + fingerprint(part) for part in parts).encode()
+    else:
+        content = files.read_bytes(path, LIMIT_BYTES)
+    digits = hashlib.sha256(content).hexdigest()[:12]
     if wanted not in ("", digits):
         raise BadData(
-            f"{file} has the fingerprint {digits}, expected {wanted}: give the weights that are "
+            f"{path} has the fingerprint {digits}, expected {wanted}: give the weights that are "
             "asked for"
         )
     return digits
@@ -193,37 +184,18 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
     """Write a safetensors file with metadata as JSON, atomically."""
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    try:
-        texts = {key: json.dumps(value) for key, value in metadata.items()}
+    texts = {key: json.dumps(value) for key, value in metadata.items()}
+    with files.checked(f"{file} cannot be written", "make room there or choose another folder"):
         atomic.write_bytes(file, save(contiguous, texts))
-    except (OSError, SafetensorError) as error:
-        raise BadData(
-            f"{file} cannot be written ({error}): make room there or choose another folder"
-        ) from error
-
-
-def read_metadata(file: Path) -> dict[str, Any]:
-    """Read only the metadata of a file that could be loaded before."""
-    with safe_open(file, framework="pt") as stored:
-        return _metadata(stored)
 
 
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Read metadata and tensors; raise BadData if the file is missing or damaged."""
-    if not file.exists():
-        raise BadData(f"weights {file} do not exist: give a safetensors file")
     content = files.read_bytes(file, LIMIT_BYTES)
-    try:
+    with files.checked(f"{file} is not a whole safetensors file", "train it or get it again"):
         with safe_open(file, framework="pt") as stored:
-            return _metadata(stored), loaded(content)
-    except (SafetensorError, OSError, ValueError, KeyError, RecursionError, OverflowError) as error:
-        raise BadData(
-            f"{file} is not a whole safetensors file ({error}): train it or get it again"
-        ) from error
-
-
-def _metadata(stored: Any) -> dict[str, Any]:
-    return {key: json.loads(value) for key, value in (stored.metadata() or {}).items()}
+            texts = stored.metadata() or {}
+        return {key: json.loads(text) for key, text in texts.items()}, loaded(content)
 
 
 def plain(settings: Any) -> dict[str, Any]:
@@ -242,8 +214,5 @@ def _halved(tensor: Tensor) -> Tensor:
     """Convert a tensor to half precision, unless it is not of floating-point numbers or would
     overflow.
     """
-    return (
-        tensor.half()
-        if tensor.is_floating_point() and torch.isfinite(tensor.half()).all()
-        else tensor
-    )
+    half = tensor.half()
+    return half if tensor.is_floating_point() and half.isfinite().all() else tensor

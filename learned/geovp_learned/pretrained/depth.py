@@ -10,6 +10,7 @@ from geovp_classic.depth.alignment import DepthAlignment, DepthValues, inverse_o
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Context, FloatArray, PrivilegedInput, Trajectory
+from geovp_learned.checkpoints import UNKNOWN_ORIGIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,4 +70,4 @@ def normalised(
 
 def note_on_weights(weights: str, device: str) -> str:
     """Describe the weights of a network from elsewhere in a note below tables."""
-    return f"{weights} on {device}; the file does not say on what it was trained"
+    return f"{weights} on {device}; {UNKNOWN_ORIGIN}"

@@ -1,7 +1,6 @@
 """Depth networks of Hugging Face transformers, such as Depth Anything, DPT and ZoeDepth."""
 
 import functools
-import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +41,7 @@ class HuggingFaceDepth(NetworkDepth):
                 "folder, or the 40 digits of a commit of the hub"
             )
         if is_local:
-            fingerprint = folder_fingerprint(Path(self.model), self.fingerprint)
+            fingerprint = checkpoints.fingerprint(Path(self.model), self.fingerprint)
             object.__setattr__(self, "fingerprint", fingerprint)
         object.__setattr__(self, "device", devices.resolved(self.device))
         self.load()
@@ -63,10 +62,10 @@ class HuggingFaceDepth(NetworkDepth):
         """Return the predicted depth [N, H', W'] of all frames in one batch."""
         network, processor = self.load()
         size_px = input_size(processor, frames.shape[2], frames.shape[1])
-        mean = processor.get("image_mean", (0.5, 0.5, 0.5))
-        std = processor.get("image_std", (0.5, 0.5, 0.5))
-        if not processor.get("do_normalize", True):
-            mean, std = (0.0,) * 3, (1.0,) * 3
+        mean, std = (0.0,) * 3, (1.0,) * 3
+        if processor.get("do_normalize", True):
+            mean = processor.get("image_mean", (0.5,) * 3)
+            std = processor.get("image_std", (0.5,) * 3)
         images = torch.from_numpy(normalised(frames, size_px, mean, std).copy())
         depth = network(pixel_values=images.to(self.device)).predicted_depth
         return depth.float().cpu().numpy()
@@ -90,22 +89,6 @@ def input_size(processor: dict[str, Any], width_px: int, height_px: int) -> tupl
         max(1, round(width_px * scale_u / multiple)) * multiple,
         max(1, round(height_px * scale_v / multiple)) * multiple,
     )
-
-
-def folder_fingerprint(folder: Path, wanted: str = "") -> str:
-    """Return the first 12 digits of the SHA-256 of a folder's safetensors and JSON files.
-
-    Raises BadData if they differ from those wanted.
-    """
-    paths = sorted([*folder.glob("*.safetensors"), *folder.glob("*.json")])
-    digits = "".join(path.name + checkpoints.fingerprint(path) for path in paths)
-    fingerprint = hashlib.sha256(digits.encode()).hexdigest()[:12]
-    if wanted not in ("", fingerprint):
-        raise BadData(
-            f"{folder} has the fingerprint {fingerprint}, expected {wanted}: give the weights that "
-            "are asked for"
-        )
-    return fingerprint
 
 
 @functools.lru_cache(maxsize=2)

@@ -128,7 +128,7 @@ class SlampTraining(VideoTraining):
         output: Output = network(images, self.num_past)
         real, prediction = images[:, 1:], output.prediction
         branches = zip(output.posteriors, output.priors, strict=True)
-        nats = sum(kl_divergence(a, b).sum(-1).mean() for a, b in branches)
+        nats = torch.stack([kl_divergence(a, b).sum(-1).mean() for a, b in branches]).sum()
         error = functional.mse_loss(prediction.images, real)
         appearance = functional.mse_loss(prediction.appearance, real)
         motion = functional.mse_loss(prediction.motion, real)
