@@ -6,10 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 from lightning.fabric import Fabric
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, default_collate
 
 from geovp_learned.methods import Batch, Method
 from geovp_learned.training_config import Training
+
+VALIDATION_BATCH = 8
 
 
 class Examples(Dataset[Batch]):
@@ -49,6 +51,17 @@ def loader(
         worker_init_fn=_use_one_thread,
         pin_memory=fabric.device.type == "cuda",
     )
+    on_device: Any = fabric.setup_dataloaders(loader, use_distributed_sampler=False)
+    return on_device
+
+
+def validation_loader(method: Method, items: Sequence[Any], fabric: Fabric) -> Iterable[Batch]:
+    """Return the batches of validation."""
+
+    def collate(some: list[Any]) -> Batch:
+        return default_collate([method.validation_example(item) for item in some])
+
+    loader: DataLoader[Any] = DataLoader(items, VALIDATION_BATCH, collate_fn=collate)  # type: ignore[arg-type]
     on_device: Any = fabric.setup_dataloaders(loader, use_distributed_sampler=False)
     return on_device
 

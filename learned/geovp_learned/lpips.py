@@ -43,16 +43,18 @@ AUTHORS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
     "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1/"
 )
-ALEXNET = "alexnet-owt-7be5be79.pth"  # 244 MB, most of it the classifier, which is not kept
-SQUEEZENET = "squeezenet1_1-b8a52dc0.pth"  # 5 MB
 REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
     "alex": (
-        (TORCHVISION + ALEXNET, "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02"),
+        # 244 MB, most of it the classifier, which is not kept
+        (
+            TORCHVISION + "alexnet-owt-7be5be79.pth",
+            "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
+        ),
         (AUTHORS + "alex.pth", "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0"),
     ),
     "squeeze": (
         (
-            TORCHVISION + SQUEEZENET,
+            TORCHVISION + "squeezenet1_1-b8a52dc0.pth",
             "b8a52dc049b60e4b6ab68ad0df457362afab8b6304b2febdc1650a5dab4d7e7b",
         ),
         (
@@ -177,8 +179,9 @@ class Lpips:
         def distances(batch: tuple[Tensor, list[Tensor], Tensor]) -> Tensor:
             images, features, weights = batch
             maps = network.difference_maps(network.unit_features(images), features)
-            means = [masked_means(each, weights.to(images.device)) for each in maps]
-            return torch.stack(means).sum(dim=0)
+            return torch.stack(
+                [masked_means(each, weights.to(images.device)) for each in maps]
+            ).sum(0)
 
         batches = zip(self._batches(predicted), target.features, weights, strict=True)
         rows = torch.cat(devices.on_one_thread_each(distances, batches), dim=1)
@@ -214,14 +217,12 @@ def find_weights(net: Net, named: Path | None) -> Path:
         if not file.is_file():
             raise MissingExtra(f"LPIPS weights {file} do not exist: name {file_name} or its folder")
         return file
-    own_cache = os.environ.get("GEOVP_CACHE")
-    users_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
-    cached = (Path(own_cache) if own_cache else users_cache) / file_name
+    users_cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "geovp")
+    cached = Path(os.environ.get("GEOVP_CACHE", users_cache), file_name)
     if not cached.is_file() and (reason := _why_not_downloaded(net, cached)):
         raise MissingExtra(
             f"LPIPS weights for {net!r} are not on this machine and cannot be downloaded "
-            f"({reason}): "
-            f"set {WEIGHTS_VARIABLE} to {file_name} or its folder"
+            f"({reason}): set {WEIGHTS_VARIABLE} to {file_name} or its folder"
         )
     return cached
 
@@ -236,9 +237,11 @@ def load_network(net: Net, file: Path, device: str) -> LpipsNetwork:
         advice = "get them again"
         with files.checked(f"{file} does not hold LPIPS v0.1's weights for {net!r}", advice):
             network = _network_of(net, arrays)
-            score = float(network(*map(images_from_frames, check_images())))
-            if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
-                expected = CHECK_SCORES[net]
+            score, expected = (
+                float(network(*map(images_from_frames, check_images()))),
+                CHECK_SCORES[net],
+            )
+            if not abs(score - expected) < CHECK_TOLERANCE:
                 raise ValueError(f"the check images score {score:.6f}, expected {expected:.6f}")
     except BadData as error:
         raise MissingExtra(str(error)) from error
@@ -275,13 +278,9 @@ def _why_not_downloaded(net: Net, cached: Path) -> str:
     try:
         cached.parent.mkdir(parents=True, exist_ok=True)
         backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
-        arrays: dict[str, Any] = {
-            name: value.numpy() for name, value in backbone.items() if "features." in name
-        }
-        arrays |= {
-            f"{name.partition('.')[0]}.weight": value.numpy().ravel()
-            for name, value in linear.items()
-        }
+        arrays = {name: value.numpy() for name, value in backbone.items() if "features." in name}
+        for name, value in linear.items():
+            arrays[f"{name.partition('.')[0]}.weight"] = value.numpy().ravel()
         with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:
             np.savez(file, **arrays)
     except (OSError, http.client.HTTPException, BadData) as error:
@@ -290,13 +289,16 @@ def _why_not_downloaded(net: Net, cached: Path) -> str:
 
 
 def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
+    logger.info("downloading %s", url)
+    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
+        return tensors_of_pth(response.read(MAX_BYTES), url, sha256)
+
+
+def tensors_of_pth(content: bytes, name: str, sha256: str) -> Mapping[str, Tensor]:
     """Return the tensors of a .pth file; it is opened only if its hash is right, and nothing in it
     is executed.
     """
-    logger.info("downloading %s", url)
-    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
-        content = response.read(MAX_BYTES)
     digest = hashlib.sha256(content).hexdigest()
     if digest != sha256:
-        raise BadData(f"{url} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")
+        raise BadData(f"{name} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")
     return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)

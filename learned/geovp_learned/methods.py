@@ -8,7 +8,7 @@ import numpy as np
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import UnknownComponent
 from geovp_classic.registry import nearest
 from geovp_classic.types import Clip
 
@@ -56,8 +56,13 @@ class Method(Protocol):
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the losses of each network that learns in this step."""
 
-    def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
-        """Return numbers for the log; the weights with the lowest "score" are kept."""
+    def validation_example(self, item: Any) -> Batch:
+        """Return tensors of a validation example; batches stack them."""
+
+    def validation_step(self, networks: Networks, batch: Batch) -> dict[str, Tensor]:
+        """Return numbers for the log, as means over the batch; the weights with the lowest "score"
+        are kept.
+        """
 
 
 def load(name: str) -> type[Method]:
@@ -66,10 +71,3 @@ def load(name: str) -> type[Method]:
         raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
     module, _, attribute = METHODS[name].partition(":")
     return getattr(importlib.import_module(module), attribute)
-
-
-def check_counts(settings: Any, *names: str) -> None:
-    """Raise BadData unless these fields are 1 or more."""
-    for name in names:
-        if getattr(settings, name) < 1:
-            raise BadData(f"{name} is {getattr(settings, name)}, expected 1 or more")

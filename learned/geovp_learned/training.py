@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -85,25 +86,25 @@ class Trainer:
         self.method, self.settings, self.config = config.method, config.training, config
         self.folder, self.fabric = folder, fabric
         _seed_torch(self.settings.seed)
-        networks: Any = nn.ModuleDict(self.method.build())
+        with files.checked("the networks cannot be built", "change [method]"):
+            networks: Any = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
-        self.schedulers = {
-            name: LambdaLR(optimiser, lambda step: learning_rate_factor(step, self.settings))
-            for name, optimiser in optimisers.items()
-        }
+        self.raw = self.evaluated = networks
         self.average: AveragedModel | None = None
         if steps := self.settings.average_steps:
             average = get_ema_multi_avg_fn(1 - 1 / steps)
-            self.average = AveragedModel(networks, multi_avg_fn=average, use_buffers=True)
-        self.raw = networks
+            self.average = AveragedModel(
+                networks, fabric.device, multi_avg_fn=average, use_buffers=True
+            )
+            self.evaluated = self.average.module
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
-        for name, network in networks.items():
-            self.networks[name], self.optimisers[name] = fabric.setup(network, optimisers[name])
-        self.evaluated = self.networks
-        if self.average is not None:
-            averages: Any = self.average.module
-            self.evaluated = {name: fabric.setup_module(each) for name, each in averages.items()}
+        self.schedulers: dict[str, LambdaLR] = {}
+        for name, optimiser in optimisers.items():
+            self.schedulers[name] = LambdaLR(
+                optimiser, lambda step: learning_rate_factor(step, self.settings)
+            )
+            self.networks[name], self.optimisers[name] = fabric.setup(networks[name], optimiser)
         self.identity = {
             "method": config.method_name,
             "settings": checkpoints.plain(self.method),
@@ -136,6 +137,7 @@ class Trainer:
             )
         progress, settings = self.progress, self.settings
         batches_left = batches.loader(self.method, items, settings, progress.step, self.fabric)
+        validation = batches.validation_loader(self.method, held_out, self.fabric)
         start_s = time.monotonic() - progress.seconds
         end_s, saved_s = progress.seconds + limit_s, progress.seconds
         bar = tqdm(
@@ -149,7 +151,7 @@ class Trainer:
             if progress.step % settings.log_every == 0:
                 self.log("train", losses)
             if progress.step % settings.validate_every == 0 or self.is_finished:
-                self.validate(held_out)
+                self.validate(validation)
             if progress.seconds > saved_s + settings.save_every_s:
                 self.save()
                 saved_s = progress.seconds
@@ -158,8 +160,7 @@ class Trainer:
     def train_step(self, batch: Batch) -> Losses:
         """Take a step; return the losses, "NETWORK.LOSS" where several networks learn."""
         _seed_torch(self.settings.seed, self.progress.step, self.fabric.global_rank)
-        for network in self.networks.values():
-            network.train()
+        self.raw.train()
         losses = self.method.training_step(self.networks, batch, self.progress.step)
         for name, terms in losses.items():
             self.optimise(name, terms["total"])
@@ -187,12 +188,19 @@ class Trainer:
             )
         optimiser.step()
 
-    def validate(self, held_out: Sequence[Any]) -> None:
+    def validate(self, held_out: Iterable[Batch]) -> None:
         """Score the networks, or their EMA, and write their weights if they are the best so far."""
-        for network in self.evaluated.values():
-            network.eval()
-        with torch.no_grad():
-            scores = self.method.validate(self.evaluated, held_out)
+        self.evaluated.eval()
+        torch.manual_seed(0)
+        num_examples, totals = 0, defaultdict[str, float](float)
+        for batch in held_out:
+            size = len(next(iter(batch.values())))
+            num_examples += size
+            with torch.no_grad():
+                numbers = self.method.validation_step(self.evaluated, batch)
+            for name, number in numbers.items():
+                totals[name] += size * float(number)
+        scores = {name: total / num_examples for name, total in totals.items()}
         self.log("validation", scores)
         self.progress.misses += 1
         if scores["score"] < self.progress.best_score:
@@ -211,27 +219,25 @@ class Trainer:
             "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
         }
-        networks = {name: self.evaluated[name].module for name in self.method.stored_networks}
+        networks = {name: self.evaluated[name] for name in self.method.stored_networks}
         if self.fabric.is_global_zero:
             file = self.folder / WEIGHTS
             checkpoints.write(file, self.config.method_name, self.method, networks, history)
 
     def state(self) -> dict[str, Any]:
         """Return all that the next step depends on, but random numbers, seeded at every step."""
-        groups = {
-            "network": self.networks,
-            "optimiser": self.optimisers,
-            "scheduler": self.schedulers,
-        }
         state: dict[str, Any] = {
-            f"{group}.{name}": part
-            for group, parts in groups.items()
-            for name, part in parts.items()
+            "precision": self.fabric.strategy.precision,
+            "progress": asdict(self.progress),
+            "identity": self.identity,
         }
+        for name in self.networks:
+            state[f"network.{name}"] = self.networks[name]
+            state[f"optimiser.{name}"] = self.optimisers[name]
+            state[f"scheduler.{name}"] = self.schedulers[name]
         if self.average is not None:
             state["average"] = self.average
-        state["precision"] = self.fabric.strategy.precision
-        return {**state, "progress": asdict(self.progress), "identity": self.identity}
+        return state
 
     def save(self) -> None:
         """Write the state, in a way that a kill at any moment leaves a whole file."""

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_classic import files, registry
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_learned import methods
 
@@ -51,7 +52,9 @@ class Training:
     precision: str = "32-true"
 
     def __post_init__(self) -> None:
-        methods.check_counts(self, "num_steps", "batch_size", "validate_every", "log_every")
+        for name in ("num_steps", "batch_size", "validate_every", "log_every"):
+            if getattr(self, name) < 1:
+                raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
 
     @property
     def decisive(self) -> dict[str, Any]:

@@ -3,7 +3,6 @@ names.
 """
 
 import functools
-import hashlib
 import os
 from pathlib import Path
 
@@ -12,7 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from geovp_classic import files
-from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.errors import MissingExtra
+from geovp_learned import lpips
 from geovp_learned.feature_networks import FeatureNetwork, vgg19
 
 WEIGHTS_VARIABLE = "GEOVP_VGG19_WEIGHTS"
@@ -27,30 +27,20 @@ def content_loss(predicted: Tensor, target: Tensor) -> Tensor:
     MissingExtra when there are no weights.
     """
     network = load(os.environ.get(WEIGHTS_VARIABLE), predicted.device)
-    total = predicted.new_zeros(())
-    features = (network(2 * frames - 1) for frames in (predicted, target))
-    for weight, ours, real in zip(LAYER_WEIGHTS, *features, strict=True):
-        total = total + weight * functional.l1_loss(ours, real)
-    return total
+    features = zip(*(network(2 * frames - 1) for frames in (predicted, target)), strict=True)
+    losses = torch.stack([functional.l1_loss(ours, real) for ours, real in features])
+    return losses @ losses.new_tensor(LAYER_WEIGHTS)
 
 
 @functools.cache
 def load(file: str | None, device: torch.device) -> FeatureNetwork:
     """Load the network, once per process; the file is opened only if its hash is right."""
-    advice = f"set {WEIGHTS_VARIABLE} to torchvision's {FILE_NAME}"
     if not file:
-        raise MissingExtra(f"the content loss on VGG-19 needs weights: {advice}")
-    try:
-        with files.opened(Path(file).expanduser()) as content:
-            digest = hashlib.file_digest(content, "sha256").hexdigest()
-    except BadData as error:
-        raise MissingExtra(str(error)) from error
-    if digest != SHA256:
         raise MissingExtra(
-            f"{file} has SHA-256 {digest[:8]}..., expected {SHA256[:8]}...: {advice}"
+            f"the content loss on VGG-19 needs weights: set {WEIGHTS_VARIABLE} to torchvision's "
+            f"{FILE_NAME}"
         )
-    with torch.device("meta"):
-        network = vgg19()
-    stored = torch.load(Path(file).expanduser(), map_location=device, weights_only=True)
-    network.load_state_dict(stored, strict=False, assign=True)
-    return network.requires_grad_(False)
+    content = files.read_bytes(Path(file).expanduser(), lpips.MAX_BYTES)
+    network = vgg19()
+    network.load_state_dict(lpips.tensors_of_pth(content, file, SHA256), strict=False)
+    return network.requires_grad_(False).to(device)

@@ -72,9 +72,12 @@ class LineTraining:
             "critic": {"total": ((seen - 1) ** 2).mean(), "seen": seen.mean()},
         }
 
-    def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
-        rows = torch.tensor(examples, dtype=torch.float32)
-        return {"score": float(((networks["line"](rows[:, :1]) - rows[:, 1:]) ** 2).mean())}
+    def validation_example(self, item: Any) -> Batch:
+        time_s, brightness = item
+        return {"time": torch.tensor([time_s]), "brightness": torch.tensor([brightness])}
+
+    def validation_step(self, networks: Networks, batch: Batch) -> Losses:
+        return {"score": ((networks["line"](batch["time"]) - batch["brightness"]) ** 2).mean()}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
-from torch.utils.data import default_collate
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
@@ -16,8 +15,6 @@ from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
 from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
 from geovp_learned.methods import Batch, Losses, Networks
-
-VALIDATION_BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -102,38 +99,33 @@ class DeepVoTraining:
         }
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
-    def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:
-        """Return mean errors of future poses and of single past steps, in m and deg; the score is
-        the sum of the future's.
+    def validation_example(self, item: Window) -> Batch:
+        """Return a window as it is."""
+        return windows.sample(item, *self._sizes, NO_AUGMENTATION, np.random.default_rng(0))
+
+    def validation_step(self, networks: Networks, batch: Batch) -> Losses:
+        """Return mean errors of future poses, seen from the last observed camera, and of single
+        past steps, in m and deg; the score is the sum of the future's.
         """
-        errors = []
-        rng = np.random.default_rng(0)
-        device = next(networks["poses"].parameters()).device
-        for start in range(0, len(examples), VALIDATION_BATCH):
-            subset = examples[start : start + VALIDATION_BATCH]
-            batch = default_collate(
-                [windows.sample(window, *self._sizes, NO_AUGMENTATION, rng) for window in subset]
-            )
-            images = batch["images"].to(device).float() / 255.0
-            past, future = networks["poses"](images, self.num_future)
-            errors.append(self._errors(past.cpu().float(), future.cpu().float(), batch["motions"]))
-        table = torch.cat(errors).mean(0).tolist()
-        names = ("future_m", "future_deg", "past_step_m", "past_step_deg")
-        return {"score": table[0] + table[1], **dict(zip(names, table, strict=True))}
+        past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
+        head, split, real = self.architecture.head, past.shape[1], batch["motions"]
+        ahead = squared_errors(chained(motions(future, head)), chained(real[:, split:]), head)
+        behind = squared_errors(motions(past, head), real[:, :split], head)
+        future_m, future_rad, past_m, past_rad = (
+            squares.sqrt().mean() for squares in (*ahead, *behind)
+        )
+        future_deg = torch.rad2deg(future_rad)
+        return {
+            "score": future_m + future_deg,
+            "future_m": future_m,
+            "future_deg": future_deg,
+            "past_step_m": past_m,
+            "past_step_deg": torch.rad2deg(past_rad),
+        }
 
     @property
     def _sizes(self) -> tuple[Intrinsics, int, int]:
         return self.architecture.camera, self.num_past, self.num_future
-
-    def _errors(self, past: Tensor, future: Tensor, real: Tensor) -> Tensor:
-        """Return means over steps [B, 4] of all windows: the future seen from the last observed
-        camera, then past steps.
-        """
-        head, split = self.architecture.head, past.shape[1]
-        ahead = squared_errors(chained(motions(future, head)), chained(real[:, split:]), head)
-        behind = squared_errors(motions(past, head), real[:, :split], head)
-        means = torch.stack([squares.sqrt().mean(1) for squares in (*ahead, *behind)], dim=1)
-        return means * torch.tensor([1.0, 180 / torch.pi, 1.0, 180 / torch.pi])  # m, deg, m, deg
 
 
 def _mean(values: Tensor, weights: Tensor) -> Tensor:

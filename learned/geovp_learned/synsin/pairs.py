@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from torch.utils.data import default_collate
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -101,11 +100,6 @@ def augmented(pairs: FramePairs, rng: np.random.Generator, grey_probability: flo
     if rng.random() < 0.5:
         pairs = pairs.mirrored()
     return pairs.grey() if rng.random() < grey_probability else pairs
-
-
-def batch(examples: Iterable[FramePairs]) -> Batch:
-    """Stack examples of one size as tensors, each with a first axis of size B."""
-    return default_collate([pairs.tensors() for pairs in examples])
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:

@@ -13,7 +13,6 @@ from torch.nn import functional
 from torch.optim import Adam, Optimizer
 
 from geovp_classic.types import Clip
-from geovp_learned import methods
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
@@ -61,11 +60,6 @@ class SynSinTraining:
     validation_stride: int = 20  # frames between two validation examples
 
     stored_networks: ClassVar[tuple[str, ...]] = ("generator",)
-
-    def __post_init__(self) -> None:
-        methods.check_counts(
-            self, "max_horizon", "views", "validation_stride", "discriminator_width"
-        )
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""
@@ -121,33 +115,19 @@ class SynSinTraining:
         loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
         return {"generator": self._summed(terms), "discriminator": {"total": loss}}
 
-    def validate(self, networks: Networks, examples: Sequence[Example]) -> dict[str, float]:
-        """Return PSNR and losses at some horizons; the score is colour and content, weighted as in
-        training.
-        """
-        horizons = sorted(
-            {
-                max(1, round(fraction * self.max_horizon))
-                for fraction in (0.05, 0.25, 0.5, 0.75, 1.0)
-            }
-        )
-        torch.manual_seed(0)  # noise of the refinement network
-        device = next(networks["generator"].parameters()).device
-        rows: list[dict[str, float]] = []
-        for example in examples:
-            batch = pairs.batch([pairs.frame_pairs(example, horizons)])
-            batch = {name: part.to(device) for name, part in batch.items()}
-            images, _ = networks["generator"](
-                batch["frames"], batch["intrinsics"], batch["cam_from_last"]
-            )
-            fake, real = images.frames.clamp(0, 1), batch["targets"].flatten(0, 1)
-            parts = {
-                **self._summed(self._image_losses(fake, real)),
-                "psnr": psnr_db(fake, real).mean(),
-            }
-            rows.append({name: float(part) for name, part in parts.items()})
-        means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
-        return {"score": means.pop("total"), **means}
+    def validation_example(self, item: Example) -> Batch:
+        """Return an example at some horizons."""
+        fractions = (0.05, 0.25, 0.5, 0.75, 1.0)
+        horizons = {max(1, round(fraction * self.max_horizon)) for fraction in fractions}
+        return pairs.frame_pairs(item, sorted(horizons)).tensors()
+
+    def validation_step(self, networks: Networks, batch: Batch) -> Losses:
+        """Return PSNR and losses; the score is colour and content, weighted as in training."""
+        inputs = (batch[name] for name in ("frames", "intrinsics", "cam_from_last"))
+        images, _ = networks["generator"](*inputs)
+        fake, real = images.frames.clamp(0, 1), batch["targets"].flatten(0, 1)
+        losses = self._summed(self._image_losses(fake, real))
+        return {"score": losses.pop("total"), **losses, "psnr": psnr_db(fake, real).mean()}
 
     def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
         parts = {"colour": functional.l1_loss(fake, real)}

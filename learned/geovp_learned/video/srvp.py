@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 from torch.distributions import Normal, kl_divergence
 
-from geovp_learned import methods
 from geovp_learned.methods import Losses
 from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, select_skips
 from geovp_learned.video.latents import Lstm, normal
@@ -27,9 +26,6 @@ class Architecture:
     content_size: int = 256
     first_frames: int = 2  # from which the first state is inferred
     steps_per_frame: int = 2  # of Euler's method
-
-    def __post_init__(self) -> None:
-        methods.check_counts(self, "hidden_layers", "first_frames", "steps_per_frame")
 
 
 class Output(NamedTuple):

@@ -13,12 +13,10 @@ from torch.optim import Adam, Optimizer
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
-from geovp_learned import methods
 from geovp_learned.methods import Batch, Losses, Networks
-from geovp_learned.tensors import bytes_from_frames, grey, images_from_frames, psnr_db
+from geovp_learned.tensors import bytes_from_frames, grey, psnr_db
 from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
-VALIDATION_BATCH = 8
 NEAR_STEPS = 5
 
 
@@ -59,7 +57,6 @@ class VideoTraining(ABC):
     network: ClassVar[Any]  # the class of the network, built from the architecture
 
     def __post_init__(self) -> None:
-        methods.check_counts(self, "num_future", "window_stride", "validation_stride")
         if self.num_past < 2:
             raise BadData(
                 f"num_past is {self.num_past}, expected 2 or more: one frame shows no motion"
@@ -97,46 +94,33 @@ class VideoTraining(ABC):
         """Return the losses of the only network."""
         return {"video": self.losses(networks["video"], batch["images"].float() / 255.0)}
 
-    def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
+    def validation_example(self, item: ByteArray) -> Batch:
+        """Return a window as it is."""
+        return {"images": bytes_from_frames(item)}
+
+    def validation_step(self, networks: Networks, batch: Batch) -> Losses:
         """Return the mean PSNR (dB) of one sample and of the last frame repeated, at the network's
         size; the score is -psnr.
 
         The names with "near" are over the first NEAR_STEPS steps; "spread" is the mean difference
         of two samples in grey levels.
         """
-        network = unwrapped(networks["video"])
-        device = next(network.parameters()).device
-        generator = torch.Generator().manual_seed(0)
-        rows = []
-        for start in range(0, len(examples), VALIDATION_BATCH):
-            frames = np.stack(examples[start : start + VALIDATION_BATCH])
-            images = images_from_frames(frames).to(device)
-            observed, future = images[:, : self.num_past], images[:, self.num_past :]
-            shape = (*future.shape[:2], network.noise_size)
-            sample, other = (
-                network.predict(observed, torch.randn(shape, generator=generator).to(device))
-                for _ in range(2)
-            )
-            copied = psnr_db(observed[:, -1:].expand_as(future), future)
-            spread = (sample - other).abs().mean((-3, -2, -1)) * 255
-            rows.append(torch.stack([psnr_db(sample, future), copied, spread]))
-        numbers = torch.cat(rows, dim=1)  # [3, N, F]
-        psnr, copied_db, spread_levels = numbers.mean((1, 2)).tolist()
-        psnr_near, copied_near, _ = numbers[..., :NEAR_STEPS].mean((1, 2)).tolist()
+        network: Any = networks["video"]
+        images = batch["images"].float() / 255.0
+        observed, future = images[:, : self.num_past], images[:, self.num_past :]
+        shape = (*future.shape[:2], network.noise_size)
+        noises = (torch.randn(shape).to(images.device) for _ in range(2))
+        sample, other = (network.predict(observed, noise) for noise in noises)
+        psnr = psnr_db(sample, future)  # [B, F]
+        copied = psnr_db(observed[:, -1:].expand_as(future), future)
         return {
-            "score": -psnr,
-            "psnr": psnr,
-            "psnr_near": psnr_near,
-            "copy_last": copied_db,
-            "copy_last_near": copied_near,
-            "spread": spread_levels,
+            "score": -psnr.mean(),
+            "psnr": psnr.mean(),
+            "psnr_near": psnr[:, :NEAR_STEPS].mean(),
+            "copy_last": copied.mean(),
+            "copy_last_near": copied[:, :NEAR_STEPS].mean(),
+            "spread": (sample - other).abs().mean() * 255,
         }
-
-
-def unwrapped(network: nn.Module) -> VideoNetwork:
-    """Return the network without Fabric's wrapper."""
-    module: Any = network if isinstance(network, VideoNetwork) else network.module
-    return module
 
 
 def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:

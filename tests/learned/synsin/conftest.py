@@ -9,6 +9,7 @@ import pytest
 import street
 import torch
 from torch import nn
+from torch.utils.data import default_collate
 
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Clip
@@ -69,7 +70,7 @@ def _trained(
     torch.manual_seed(0)
     networks = method.build()
     optimisers = method.optimisers(networks)
-    batch = pairs.batch([pairs.frame_pairs(one, [2]) for one in examples])
+    batch = default_collate([pairs.frame_pairs(one, [2]).tensors() for one in examples])
     history = []
     for step in range(num_steps):
         losses: Losses = {}

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import default_collate
 
 from geovp_classic.types import Clip
 from geovp_learned.lpips import WEIGHTS_VARIABLE, Lpips
@@ -37,7 +38,7 @@ def test_content_is_lpips_with_a_gradient(
 
 
 def test_later_frames_fit_at_the_true_depth_and_the_gradient_leads_there(clip: Clip) -> None:
-    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1, 2])])
+    batch = default_collate([pairs.frame_pairs(Example(clip, 2), [1, 2]).tensors()])
     truth = torch.nan_to_num(batch["inverse_depths"])
     motion = [batch[name] for name in ("frames", "targets", "cam_from_last", "intrinsics")]
     at_truth, *wrong = (
