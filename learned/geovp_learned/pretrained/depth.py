@@ -8,7 +8,6 @@ import numpy as np
 
 from geovp_classic.depth.alignment import DepthAlignment, DepthValues, inverse_of, metric
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Context, FloatArray, PrivilegedInput, Trajectory
 from geovp_learned.checkpoints import UNKNOWN_ORIGIN
 
@@ -54,18 +53,6 @@ class NetworkDepth(ABC):
         if self.align:
             return self.alignment.align(maps, context.only(self.needs), past)
         return metric(maps, past)
-
-
-def normalised(
-    frames: ByteArray,  # [N, H, W, 3]
-    size_px: tuple[int, int],  # (width, height)
-    mean: tuple[float, ...],  # of the red, green and blue in [0, 1]
-    std: tuple[float, ...],
-) -> FloatArray:
-    """Return images [N, 3, H', W'] float32 of a network's size, mean and standard deviation."""
-    resized = np.stack([pinhole.resize(frame, size_px) for frame in frames])
-    images = (resized / np.float32(255) - np.array(mean)) / np.array(std)
-    return np.moveaxis(images.astype(np.float32), -1, 1)
 
 
 def note_on_weights(weights: str, device: str) -> str:

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from transformers import AutoModelForDepthEstimation
-from transformers.utils.hub import cached_file
+from transformers import AutoImageProcessor, AutoModelForDepthEstimation
 
 from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray
 from geovp_learned import checkpoints, devices
-from geovp_learned.pretrained.depth import NetworkDepth, normalised, note_on_weights
+from geovp_learned.pretrained.depth import NetworkDepth, note_on_weights
 
 ADVICE = "give a local folder, or a hub id and the revision of a depth network with safetensors"
 
@@ -46,8 +45,8 @@ class HuggingFaceDepth(NetworkDepth):
         object.__setattr__(self, "device", devices.resolved(self.device))
         self.load()
 
-    def load(self) -> tuple[torch.nn.Module, dict[str, Any]]:
-        """Return the network and the settings of its image processor."""
+    def load(self) -> tuple[Any, Any]:
+        """Return the network and its image processor."""
         return load(self.model, self.revision, self.fingerprint, self.device)
 
     @property
@@ -61,41 +60,14 @@ class HuggingFaceDepth(NetworkDepth):
     def predict(self, frames: ByteArray) -> FloatArray:
         """Return the predicted depth [N, H', W'] of all frames in one batch."""
         network, processor = self.load()
-        size_px = input_size(processor, frames.shape[2], frames.shape[1])
-        mean, std = (0.0,) * 3, (1.0,) * 3
-        if processor.get("do_normalize", True):
-            mean = processor.get("image_mean", (0.5,) * 3)
-            std = processor.get("image_std", (0.5,) * 3)
-        images = torch.from_numpy(normalised(frames, size_px, mean, std).copy())
+        images = processor(list(frames), return_tensors="pt")["pixel_values"]
         depth = network(pixel_values=images.to(self.device)).predicted_depth
         return depth.float().cpu().numpy()
 
 
-def input_size(processor: dict[str, Any], width_px: int, height_px: int) -> tuple[int, int]:
-    """Return the size (width, height) to which an image processor resizes a frame.
-
-    With `keep_aspect_ratio`, the side that changes less determines the scale.
-    """
-    size = processor["size"]
-    if "shortest_edge" in size:
-        scale_u = scale_v = size["shortest_edge"] / min(width_px, height_px)
-    else:
-        scale_u = size["width"] / width_px
-        scale_v = size["height"] / height_px
-    if processor.get("keep_aspect_ratio"):
-        scale_u = scale_v = min(scale_u, scale_v, key=lambda scale: abs(1 - scale))
-    multiple = processor.get("ensure_multiple_of") or 1
-    return (
-        max(1, round(width_px * scale_u / multiple)) * multiple,
-        max(1, round(height_px * scale_v / multiple)) * multiple,
-    )
-
-
 @functools.lru_cache(maxsize=2)
-def load(
-    model: str, revision: str, fingerprint: str, device: str
-) -> tuple[torch.nn.Module, dict[str, Any]]:
-    """Return the network and the settings of its image processor, once per process.
+def load(model: str, revision: str, fingerprint: str, device: str) -> tuple[Any, Any]:
+    """Return the network and its image processor, once per process.
 
     Nothing in the files is executed. Raises BadData if they cannot be read or downloaded. The
     fingerprint only distinguishes files of one folder at different times.
@@ -105,6 +77,5 @@ def load(
         network = AutoModelForDepthEstimation.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, **pinned
         )
-        settings = cached_file(model, "preprocessor_config.json", **pinned)
-    processor = files.read_json(Path(str(settings)))
+        processor = AutoImageProcessor.from_pretrained(model, do_pad=False, **pinned)
     return network.eval().to(device), processor

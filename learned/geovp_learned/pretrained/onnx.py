@@ -15,7 +15,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.rendering.inpainting import inpaint_each
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 from geovp_learned import checkpoints
-from geovp_learned.pretrained.depth import NetworkDepth, normalised, note_on_weights
+from geovp_learned.pretrained.depth import NetworkDepth, note_on_weights
 
 PROVIDER_OF_DEVICE = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 
@@ -121,6 +121,18 @@ class OnnxInpainter(OnnxFile):
         rounded = np.clip(np.rint(colours), 0, 255).astype(np.uint8)
         resized = pinhole.resize(rounded, (frame.shape[1], frame.shape[0]))
         return np.where(covered[..., None], frame, resized)
+
+
+def normalised(
+    frames: ByteArray,  # [N, H, W, 3]
+    size_px: tuple[int, int],  # (width, height)
+    mean: tuple[float, ...],  # of the red, green and blue in [0, 1]
+    std: tuple[float, ...],
+) -> FloatArray:
+    """Return images [N, 3, H', W'] float32 of a network's size, mean and standard deviation."""
+    resized = np.stack([pinhole.resize(frame, size_px) for frame in frames])
+    images = (resized / np.float32(255) - np.array(mean)) / np.array(std)
+    return np.moveaxis(images.astype(np.float32), -1, 1)
 
 
 @functools.lru_cache(maxsize=4)

@@ -87,12 +87,12 @@ def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str,
     critic.requires_grad_(False)
     given = critic(fake)
     critic.requires_grad_(True)
-    features = [
-        (a, b)
-        for maps, other in zip(wanted, given, strict=True)
-        for a, b in zip(maps[:-1], other, strict=False)
+    distances = [
+        functional.l1_loss(ours, theirs)
+        for scales in zip(given, wanted, strict=True)
+        for ours, theirs in itertools.islice(zip(*scales, strict=True), len(scales[0]) - 1)
     ]
     return {
-        "adversarial": torch.stack([-scale[-1].mean() for scale in given]).mean(),
-        "feature_matching": torch.stack([(a - b).abs().mean() for a, b in features]).mean(),
+        "adversarial": -torch.stack([scale[-1].mean() for scale in given]).mean(),
+        "feature_matching": torch.stack(distances).mean(),
     }

@@ -126,8 +126,8 @@ class SynSinTraining:
         inputs = (batch[name] for name in ("frames", "intrinsics", "cam_from_last"))
         images, _ = networks["generator"](*inputs)
         fake, real = images.frames.clamp(0, 1), batch["targets"].flatten(0, 1)
-        losses = self._summed(self._image_losses(fake, real))
-        return {"score": losses.pop("total"), **losses, "psnr": psnr_db(fake, real).mean()}
+        terms = self._summed(self._image_losses(fake, real))
+        return {"score": terms.pop("total"), **terms, "psnr": psnr_db(fake, real).mean()}
 
     def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
         parts = {"colour": functional.l1_loss(fake, real)}
@@ -150,7 +150,5 @@ class SynSinTraining:
         """Add the weighted sum of the terms as "total"."""
         weights = asdict(self.weights)
         weights["feature_matching"] *= self.weights.adversarial
-        return {
-            **parts,
-            "total": torch.stack([weights[name] * part for name, part in parts.items()]).sum(),
-        }
+        total = torch.stack([weights[name] * part for name, part in parts.items()]).sum()
+        return {**parts, "total": total}

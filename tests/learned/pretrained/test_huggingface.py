@@ -30,30 +30,6 @@ def test_a_local_network_predicts_as_transformers_does(
     np.testing.assert_allclose(output, expected, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        ({"size": {"height": 518, "width": 518}}, (518, 518)),
-        # 518 / 375 changes less than 518 / 1242: 1242 x 375 becomes 1715.6 x 518, in steps of 14
-        (
-            {
-                "size": {"height": 518, "width": 518},
-                "keep_aspect_ratio": True,
-                "ensure_multiple_of": 14,
-            },
-            (1722, 518),
-        ),
-        ({"size": {"shortest_edge": 384}}, (1272, 384)),
-    ],
-)
-def test_the_input_size_is_that_of_the_image_processor(
-    settings: dict[str, object], expected: tuple[int, int]
-) -> None:
-    from geovp_learned.pretrained.huggingface import input_size
-
-    assert input_size(settings, 1242, 375) == expected
-
-
 def test_models_of_the_hub_need_a_pinned_revision(tmp_path: Path) -> None:
     for revision in ("", "main"):
         with pytest.raises(BadData, match="40 digits"):
