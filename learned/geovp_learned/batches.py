@@ -1,6 +1,6 @@
 """Batches of training examples, which depend on seed and step alone."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -33,7 +33,7 @@ class Examples(Dataset[Batch]):
 
 def loader(
     method: Method, items: Sequence[Any], settings: Training, first_step: int, fabric: Fabric
-) -> Iterable[Batch]:
+) -> Any:
     """Return this device's batches of the remaining steps, prepared ahead by workers if any.
 
     Devices take turns in the examples of a step.
@@ -51,19 +51,17 @@ def loader(
         worker_init_fn=_use_one_thread,
         pin_memory=fabric.device.type == "cuda",
     )
-    on_device: Any = fabric.setup_dataloaders(loader, use_distributed_sampler=False)
-    return on_device
+    return fabric.setup_dataloaders(loader, use_distributed_sampler=False)
 
 
-def validation_loader(method: Method, items: Sequence[Any], fabric: Fabric) -> Iterable[Batch]:
+def validation_loader(method: Method, items: Sequence[Any], fabric: Fabric) -> Any:
     """Return the batches of validation."""
 
     def collate(some: list[Any]) -> Batch:
         return default_collate([method.validation_example(item) for item in some])
 
     loader: DataLoader[Any] = DataLoader(items, VALIDATION_BATCH, collate_fn=collate)  # type: ignore[arg-type]
-    on_device: Any = fabric.setup_dataloaders(loader, use_distributed_sampler=False)
-    return on_device
+    return fabric.setup_dataloaders(loader, use_distributed_sampler=False)
 
 
 def _use_one_thread(_: int) -> None:

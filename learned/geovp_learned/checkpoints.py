@@ -95,8 +95,7 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[Any, A
     The fingerprint only distinguishes files that had the same name at different times.
     """
     settings, tensors = read(file, method, methods.load(method))
-    name = settings.stored_networks[0]
-    network: nn.Module = settings.build()[name]
+    name, network = next(iter(settings.build().items()))
     restore(file, network, tensors, f"{name}.")
     return network.eval().to(device), settings
 

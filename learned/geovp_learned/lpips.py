@@ -278,7 +278,9 @@ def _why_not_downloaded(net: Net, cached: Path) -> str:
     try:
         cached.parent.mkdir(parents=True, exist_ok=True)
         backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
-        arrays = {name: value.numpy() for name, value in backbone.items() if "features." in name}
+        arrays: dict[str, Any] = {
+            name: value.numpy() for name, value in backbone.items() if "features." in name
+        }
         for name, value in linear.items():
             arrays[f"{name.partition('.')[0]}.weight"] = value.numpy().ravel()
         with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:

@@ -33,14 +33,10 @@ class Method(Protocol):
     alone; the loop seeds these at every step, so that a killed run can be resumed exactly.
     """
 
-    @property
-    def stored_networks(self) -> tuple[str, ...]:
-        """Return the networks in the weights file; the first predicts, others (a discriminator) may
-        be left out.
-        """
-
     def build(self) -> dict[str, nn.Module]:
-        """Build new networks, initialised with torch's random numbers."""
+        """Build new networks, initialised with torch's random numbers; the first predicts and is
+        stored, others (a discriminator) only serve training.
+        """
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """Build the optimiser of each network, under that network's name."""

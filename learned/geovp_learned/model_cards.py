@@ -1,17 +1,16 @@
 """Model cards: the metadata of a weights file and the curves of its training log, as Markdown."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import jinja2
-import numpy as np
 
 from geovp_classic import files
 from geovp_learned import checkpoints, training_log
 
 TEMPLATE = Path(__file__).with_name("model_card.md")
-MAX_ROWS = 25
 
 
 def model_card(weights: Path, log: Path | None = None) -> str:
@@ -31,22 +30,9 @@ def model_card(weights: Path, log: Path | None = None) -> str:
         )
 
 
-def curves(rows: Sequence[Mapping[str, float]]) -> list[list[str]]:
-    """Return a table of about MAX_ROWS rows, one per validation; training losses are means since
-    the row before.
-    """
-    names = sorted({name for row in rows for name in row} - {"step", "seconds"}, reverse=True)
-    validated = [row for row in rows if "validation/score" in row]
-    stride = -(-len(validated) // MAX_ROWS) or 1
-    table = [["step", "seconds", *names], ["--:"] * (2 + len(names))]
-    before = 0.0
-    for row in reversed(validated[::-1][::stride]):
-        recent = [each for each in rows if before < each["step"] <= row["step"]]
-        before = row["step"]
-        numbers = [row["step"], row["seconds"]]
-        for name in names:
-            source = recent if name.startswith("train/") else [row]
-            values = [each[name] for each in source if name in each]
-            numbers.append(float(np.mean(values or [np.nan])))
-        table.append([f"{number:.4g}" for number in numbers])
-    return table
+def curves(rows: Iterable[Mapping[str, float]]) -> list[dict[str, float]]:
+    """Return what was logged at the steps with a validation."""
+    steps: dict[float, dict[str, float]] = defaultdict(dict)
+    for row in rows:
+        steps[row["step"]] |= row
+    return [row for row in steps.values() if "validation/score" in row]

@@ -1,5 +1,7 @@
 """Frames as the networks need them: seen by the network's own camera, channels first, in [0, 1]."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import torch
@@ -82,7 +84,7 @@ def reproject(
     )
 
 
-def pixel_grid(size_px: tuple[int, int], like: Tensor) -> Tensor:
+def pixel_grid(size_px: Sequence[int], like: Tensor) -> Tensor:
     """Return the positions (u, v) [H, W, 2] of all pixels of an image of (height, width)."""
     axes = (torch.arange(side, dtype=like.dtype, device=like.device) for side in size_px)
     v, u = torch.meshgrid(*axes, indexing="ij")

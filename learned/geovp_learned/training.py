@@ -219,10 +219,10 @@ class Trainer:
             "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
         }
-        networks = {name: self.evaluated[name] for name in self.method.stored_networks}
         if self.fabric.is_global_zero:
             file = self.folder / WEIGHTS
-            checkpoints.write(file, self.config.method_name, self.method, networks, history)
+            name, network = next(iter(self.evaluated.items()))
+            checkpoints.write(file, self.config.method_name, self.method, {name: network}, history)
 
     def state(self) -> dict[str, Any]:
         """Return all that the next step depends on, but random numbers, seeded at every step."""

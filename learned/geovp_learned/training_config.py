@@ -69,8 +69,10 @@ class Training:
             "final_rate",
             "clip_norm",
             "validate_every",
+            "patience",
+            "precision",
+            "average_steps",
         ]
-        names += ["patience", "precision", *(["average_steps"] if self.average_steps else [])]
         return {name: getattr(self, name) for name in names}
 
 

@@ -35,10 +35,6 @@ class LineTraining:
 
     rate: float = 0.05
 
-    @property
-    def stored_networks(self) -> tuple[str, ...]:
-        return ("line",)
-
     def build(self) -> dict[str, nn.Module]:
         return {
             "line": nn.Sequential(nn.Linear(1, 8), nn.Dropout(0.1), nn.Linear(8, 1)),

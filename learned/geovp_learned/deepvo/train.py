@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import torch
@@ -39,8 +39,6 @@ class DeepVoTraining:
     rotation_weight: float = 100.0  # of rad^2 against m^2, eq. 3.6
     rate: float = 1e-3
     weight_decay: float = 1e-4
-
-    stored_networks: ClassVar[tuple[str, ...]] = ("poses",)
 
     def __post_init__(self) -> None:
         if not 2 <= self.shortest_past <= self.num_past:

@@ -17,8 +17,6 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 from geovp_learned import checkpoints
 from geovp_learned.pretrained.depth import NetworkDepth, note_on_weights
 
-PROVIDER_OF_DEVICE = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class OnnxFile:
@@ -144,8 +142,8 @@ def session_of(path: Path, fingerprint: str, device: str) -> onnxruntime.Inferen
     available = onnxruntime.get_available_providers()
     kind, _, number = device.partition(":")
     if kind == "auto":
-        kind = "cuda" if PROVIDER_OF_DEVICE["cuda"] in available else "cpu"
-    provider = PROVIDER_OF_DEVICE.get(kind, kind)
+        kind = "cuda" if "CUDAExecutionProvider" in available else "cpu"
+    provider = f"{kind.upper()}ExecutionProvider"
     if provider not in available:
         raise BadData(
             f"device {device!r}: onnxruntime has {', '.join(available)}: give 'cpu' or 'auto', or "

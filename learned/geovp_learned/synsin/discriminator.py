@@ -87,11 +87,10 @@ def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str,
     critic.requires_grad_(False)
     given = critic(fake)
     critic.requires_grad_(True)
-    distances = [
-        functional.l1_loss(ours, theirs)
-        for scales in zip(given, wanted, strict=True)
-        for ours, theirs in itertools.islice(zip(*scales, strict=True), len(scales[0]) - 1)
-    ]
+    distances: list[Tensor] = []
+    for ours, theirs in zip(given, wanted, strict=True):
+        layers = zip(ours[:-1], theirs[:-1], strict=True)
+        distances += [functional.l1_loss(a, b) for a, b in layers]
     return {
         "adversarial": -torch.stack([scale[-1].mean() for scale in given]).mean(),
         "feature_matching": torch.stack(distances).mean(),

@@ -61,7 +61,7 @@ def reprojection_loss(
     Pixels that project into no view do not count.
     """
     batch, views = cam_from_last.shape[:2]
-    size_px = (frames.shape[2], frames.shape[3])
+    size_px = frames.shape[2:]
     rays = splatting.rays(intrinsics, size_px).repeat_interleave(views, dim=0)
     depths = inverse_depths.flatten(1).repeat_interleave(views, dim=0)
     cameras = intrinsics.repeat_interleave(views, dim=0)
@@ -97,14 +97,9 @@ def smoothness_loss(inverse_depths: Tensor, frames: Tensor) -> Tensor:
 
 def _dssim(predicted: Tensor, target: Tensor) -> Tensor:
     """Return (1 - SSIM) / 2 over windows of 3x3 pixels [B, H, W]."""
-
-    def mean(maps: Tensor) -> Tensor:
-        return functional.avg_pool2d(
-            functional.pad(maps, (1, 1, 1, 1), mode="reflect"), 3, stride=1
-        )
-
-    a, b = mean(predicted), mean(target)
-    variances = mean(predicted**2) - a**2 + mean(target**2) - b**2
-    covariance = mean(predicted * target) - a * b
+    products = torch.cat([predicted, target, predicted**2 + target**2, predicted * target], dim=1)
+    padded = functional.pad(products, (1, 1, 1, 1), mode="reflect")
+    a, b, squares, product = functional.avg_pool2d(padded, 3, stride=1).chunk(4, dim=1)
+    variances, covariance = squares - a**2 - b**2, product - a * b
     ssim = (2 * a * b + C1) * (2 * covariance + C2) / ((a**2 + b**2 + C1) * (variances + C2))
     return ((1 - ssim) / 2).clamp(0, 1).mean(dim=1)

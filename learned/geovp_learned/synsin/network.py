@@ -7,7 +7,8 @@ Its networks are those of a variant: of Wiles et al. 2020 (`published`) or ours 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import torch
@@ -37,13 +38,6 @@ class Architecture:
     splatter: Splatter = field(default_factory=Splatter)
 
     def __post_init__(self) -> None:
-        fixed = [each.name for each in fields(self)][3:] if self.variant == "published" else []
-        if others := [
-            name for name in fixed if getattr(self, name) != getattr(Architecture, name, Splatter())
-        ]:
-            raise BadData(
-                f"variant 'published' has its own {others[0]}: leave it out, or choose 'residual'"
-            )
         multiple = 2 ** len(self.depth_channels)
         if self.depth_px % multiple:
             raise BadData(f"depth_px is {self.depth_px}, expected a multiple of {multiple}")
@@ -90,7 +84,7 @@ class Generator(nn.Module, ABC):
         Without motion only the depths are computed. `depth_gradient_scale` scales the images'
         gradient in the depth network.
         """
-        size_px = (frames.shape[2], frames.shape[3])
+        size_px = frames.shape[2:]
         if cam_from_last is None:
             return None, self.depths(frames, splatting.rays(intrinsics, size_px))
         noise = torch.randn(len(frames), self.feature_noise, device=frames.device)
@@ -109,7 +103,7 @@ class Generator(nn.Module, ABC):
 
     def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor) -> FeatureCloud:
         """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, feature_noise]."""
-        rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
+        rays = splatting.rays(intrinsics, frames.shape[2:])
         features = self.features(frames, noise).flatten(2).transpose(1, 2)
         return FeatureCloud(rays, self.depths(frames, rays).flatten(1), features)
 
@@ -118,7 +112,7 @@ class Generator(nn.Module, ABC):
         cloud: FeatureCloud,
         cam_from_last: Tensor,
         intrinsics: Tensor,
-        size_px: tuple[int, int],
+        size_px: Sequence[int],
         noise: Tensor,
     ) -> Images:
         """Render clouds from poses [B, 4, 4] of cameras [B, 4], in images of (height, width), with

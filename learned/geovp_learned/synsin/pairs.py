@@ -91,7 +91,8 @@ def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
     inverse_depth = np.full(clip.frames.shape[1:3], np.nan)
     if clip.depths is not None:
         depth = clip.depths[last]
-        inverse_depth = np.where(depth > 0, 1 / np.where(depth > 0, depth, 1), np.nan)
+        with np.errstate(divide="ignore"):
+            inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
     return FramePairs(clip.frames[last], clip.frames[steps], motion, clip.intrinsics, inverse_depth)
 
 

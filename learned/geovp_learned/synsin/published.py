@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
+from geovp_classic.errors import BadData
 from geovp_learned.blocks import Resample, ResidualBlock
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.network import INITIAL_M, Architecture, Generator, Images
@@ -45,6 +46,11 @@ class PublishedGenerator(Generator):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__(NOISE_SIZE, NOISE_SIZE)
         width, features = architecture.width, architecture.features
+        if architecture != Architecture("published", features, width):
+            raise BadData(
+                "variant 'published' has only the settings features and width: leave others out, "
+                "or choose 'residual'"
+            )
         self.feature_network = Blocks([*_channels(3, ENCODER, width), features], SAME_SIZE)
         self.depth_network = DepthNetwork(width)
         self.refinement_network = Blocks([*_channels(features, REFINEMENT, width), 3], RESAMPLED)
@@ -160,7 +166,7 @@ class DepthNetwork(nn.Module):
         """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
         precision.
         """
-        size_px, multiple = (frames.shape[2], frames.shape[3]), 2 ** len(DEPTH)
+        size_px, multiple = frames.shape[2:], 2 ** len(DEPTH)
         height, width = (max(round(side / multiple), 1) * multiple for side in size_px)
         with torch.autocast(frames.device.type, enabled=False):
             maps = functional.interpolate(frames.float(), (height, width), mode="bilinear")

@@ -8,6 +8,7 @@ order are treated as constant.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -42,7 +43,7 @@ class Splatter:
         inverse_depths: Tensor,  # [B, N] 1/m
         visible: Tensor,  # [B, N] bool
         features: Tensor,  # [B, N, C]
-        size_px: tuple[int, int],  # height, width
+        size_px: Sequence[int],  # height, width
     ) -> tuple[Tensor, Tensor]:
         """Return blended features [B, C, H, W], 0 where there is no point, and the sum of their
         weights [B, 1, H, W].
@@ -71,7 +72,7 @@ class Splatter:
         positions_px: Tensor,
         inverse_depths: Tensor,
         visible: Tensor,
-        size_px: tuple[int, int],
+        size_px: Sequence[int],
     ) -> Tensor:
         """Return the nearest points of each pixel [B * H * W, K], in the order of depth; EMPTY
         where there are fewer.
@@ -107,7 +108,7 @@ def compositing_weights(opacities: Tensor) -> Tensor:
     return opacities * before
 
 
-def rays(intrinsics: Tensor, size_px: tuple[int, int]) -> Tensor:
+def rays(intrinsics: Tensor, size_px: Sequence[int]) -> Tensor:
     """Return the directions [B, H * W, 3], z = 1, of all pixels of cameras fx, fy, cx, cy [B, 4],
     row by row.
     """

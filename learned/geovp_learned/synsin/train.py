@@ -4,7 +4,6 @@ thesis, eq. 3.7).
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -58,8 +57,6 @@ class SynSinTraining:
     discriminator_rate: float = 2e-3
     discriminator_width: int = 64
     validation_stride: int = 20  # frames between two validation examples
-
-    stored_networks: ClassVar[tuple[str, ...]] = ("generator",)
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""

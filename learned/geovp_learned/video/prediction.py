@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from geovp_classic.errors import Incompatible
-from geovp_classic.types import Context, Prediction
+from geovp_classic.types import ByteArray, Context, Prediction
 from geovp_learned import checkpoints, devices
 from geovp_learned.tensors import frames_from_images, images_from_frames
 from geovp_learned.video.training import resize
@@ -50,16 +50,13 @@ class VideoPredictor(checkpoints.Pretrained):
         size_px, recent = settings.architecture.coding.size_px, context.recent(settings.num_past)
         height_px, width_px = context.frames.shape[1:3]
         observed = images_from_frames(resize(recent.frames, size_px, size_px)).to(self.device)
-        frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
-        at_once = max(1, PIXELS_AT_ONCE // size_px**2)
-        for first in range(0, num_samples, at_once):
-            samples = range(first, min(first + at_once, num_samples))
-            noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
-            with torch.inference_mode(), devices.one_thread():
-                images = network.predict(observed.expand(len(noise), -1, -1, -1, -1), noise)
-            for sample, sample_frames in zip(samples, frames_from_images(images), strict=True):
-                frames[sample] = resize(sample_frames, width_px, height_px)
-        return Prediction(frames)
+        noise = noise_of(recent, self.seed, num_samples, network.noise_size).to(self.device)
+        frames: list[ByteArray] = []
+        with torch.inference_mode(), devices.one_thread():
+            for part in noise.split(max(1, PIXELS_AT_ONCE // size_px**2)):
+                images = network.predict(observed.expand(len(part), -1, -1, -1, -1), part)
+                frames += [resize(each, width_px, height_px) for each in frames_from_images(images)]
+        return Prediction(np.stack(frames))
 
 
 class Svg(VideoPredictor):
@@ -80,14 +77,12 @@ class Slamp(VideoPredictor):
     method = "slamp"
 
 
-def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
-    """Draw standard normal numbers [len(samples), F, size], seeded by seed, frames and sample
-    number.
-    """
+def noise_of(context: Context, seed: int, num_samples: int, size: int) -> Tensor:
+    """Draw standard normal numbers [S, F, size], seeded by seed, frames and sample number."""
     clip = int.from_bytes(hashlib.sha256(context.frames.tobytes()).digest()[:8], "big")
     shape = (context.num_future, size)
     rows = [
         np.random.default_rng([seed, clip, sample]).standard_normal(shape, np.float32)
-        for sample in samples
+        for sample in range(num_samples)
     ]
     return torch.from_numpy(np.stack(rows))

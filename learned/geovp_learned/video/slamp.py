@@ -146,7 +146,7 @@ def warp(images: Tensor, flow_px: Tensor) -> Tensor:
     """Warp backwards: each pixel of [N, C, H, W] shows what lies `flow_px` [N, 2, H, W] (right,
     down) from it.
     """
-    grid = pixel_grid((images.shape[2], images.shape[3]), flow_px)
+    grid = pixel_grid(images.shape[2:], flow_px)
     return sample_images(images, grid + flow_px.movedim(1, -1))
 
 

@@ -53,7 +53,6 @@ class VideoTraining(ABC):
     grey_probability: float = 0.3  # probability that a window is shown without colours
     rate: float = 1e-3
 
-    stored_networks: ClassVar[tuple[str, ...]] = ("video",)
     network: ClassVar[Any]  # the class of the network, built from the architecture
 
     def __post_init__(self) -> None:
