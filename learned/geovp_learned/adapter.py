@@ -56,8 +56,7 @@ class TorchPredictor(ABC):
         samples = []
         for sample in range(num_samples):
             with torch.random.fork_rng(), devices.one_thread():
-                seed = np.random.SeedSequence([self.seed, sample]).generate_state(1)[0]
-                torch.manual_seed(int(seed))
+                devices.seed_torch(self.seed, sample)
                 images = _rollout(_loaded(self), past, context.num_future)
             samples.append(frames_from_images(images[0]))
         return Prediction(np.stack(samples))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+import numpy as np
 import torch
 
 from geovp_classic.errors import BadData
@@ -33,6 +34,11 @@ def described(device: str) -> str:
     return (
         f"{device} ({torch.cuda.get_device_name(device)})" if device.startswith("cuda") else device
     )
+
+
+def seed_torch(*numbers: int) -> None:
+    """Seed torch's random numbers on every device."""
+    torch.manual_seed(int(np.random.SeedSequence(numbers).generate_state(1)[0]))
 
 
 @contextmanager

@@ -44,11 +44,18 @@ class Fire(nn.Module):
 def alexnet() -> FeatureNetwork:
     """Build AlexNet (Krizhevsky 2014); it returns its five rectified convolutions."""
     layers = [
-        *(nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2)),
-        *(nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2)),
-        *(nn.Conv2d(192, 384, 3, padding=1), nn.ReLU()),
-        *(nn.Conv2d(384, 256, 3, padding=1), nn.ReLU()),
-        *(nn.Conv2d(256, 256, 3, padding=1), nn.ReLU()),
+        nn.Conv2d(3, 64, 11, 4, 2),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2),
+        nn.Conv2d(64, 192, 5, padding=2),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2),
+        nn.Conv2d(192, 384, 3, padding=1),
+        nn.ReLU(),
+        nn.Conv2d(384, 256, 3, padding=1),
+        nn.ReLU(),
+        nn.Conv2d(256, 256, 3, padding=1),
+        nn.ReLU(),
     ]
     return FeatureNetwork(layers, {1: 64, 4: 192, 7: 384, 9: 256, 11: 256})
 
@@ -60,10 +67,19 @@ def squeezenet() -> FeatureNetwork:
         return nn.MaxPool2d(3, 2, ceil_mode=True)
 
     layers = [
-        *(nn.Conv2d(3, 64, 3, 2), nn.ReLU(), pooling()),
-        *(Fire(64, 16, 64), Fire(128, 16, 64), pooling()),
-        *(Fire(128, 32, 128), Fire(256, 32, 128), pooling()),
-        *(Fire(256, 48, 192), Fire(384, 48, 192), Fire(384, 64, 256), Fire(512, 64, 256)),
+        nn.Conv2d(3, 64, 3, 2),
+        nn.ReLU(),
+        pooling(),
+        Fire(64, 16, 64),
+        Fire(128, 16, 64),
+        pooling(),
+        Fire(128, 32, 128),
+        Fire(256, 32, 128),
+        pooling(),
+        Fire(256, 48, 192),
+        Fire(384, 48, 192),
+        Fire(384, 64, 256),
+        Fire(512, 64, 256),
     ]
     return FeatureNetwork(layers, {1: 64, 4: 128, 7: 256, 9: 384, 10: 384, 11: 512, 12: 512})
 

@@ -250,16 +250,12 @@ def load_network(net: Net, file: Path, device: str) -> LpipsNetwork:
 
 
 def _network_of(net: Net, arrays: Mapping[str, Any]) -> LpipsNetwork:
-    with torch.device("meta"):
-        network = LpipsNetwork(net)
+    network = LpipsNetwork(net)
     state = {}
-    for name, array in arrays.items():
-        tensor = torch.from_numpy(array).float()
-        if name.startswith("lin"):
-            state[name.replace("lin", "linear.")] = tensor[None, :, None, None]
-        else:
-            state[f"backbone.{name}"] = tensor
-    network.load_state_dict(state, assign=True)
+    for key, parameter in network.state_dict().items():
+        array = arrays[key.removeprefix("backbone.").replace("linear.", "lin")]
+        state[key] = torch.from_numpy(array).view_as(parameter)
+    network.load_state_dict(state)
     return network.requires_grad_(False)
 
 

@@ -32,9 +32,11 @@ def frames_from_images(images: Tensor) -> ByteArray:
     return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
 
 
-def grey(frame: ByteArray) -> ByteArray:
-    """Convert a frame [H, W, 3] to grey, in three equal channels."""
-    return np.repeat(pinhole.grey8(frame)[..., None], 3, axis=2)
+def grey(frames: ByteArray) -> ByteArray:
+    """Convert frames [..., H, W, 3] to grey, in three equal channels."""
+    width_px, channels = frames.shape[-2:]
+    luma = pinhole.grey8(frames.reshape(-1, width_px, channels))
+    return np.repeat(luma.reshape(*frames.shape[:-1], 1), 3, axis=-1)
 
 
 def metric_trajectory(clip: Clip, method: str) -> Trajectory:

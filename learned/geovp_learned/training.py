@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.loggers.logger import Logger
@@ -29,7 +28,7 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from geovp_learned import batches, checkpoints, hardware, training_config, training_log
+from geovp_learned import batches, checkpoints, devices, hardware, training_config, training_log
 from geovp_learned.methods import Batch, Losses
 from geovp_learned.training_config import Training, TrainingConfig
 
@@ -44,7 +43,6 @@ class Progress:
     seconds: float = 0.0  # of training, over all starts
     best_score: float = math.inf
     best_step: int = 0
-    misses: int = 0  # validations since the best one
 
 
 def train(
@@ -85,7 +83,7 @@ class Trainer:
     ) -> None:
         self.method, self.settings, self.config = config.method, config.training, config
         self.folder, self.fabric = folder, fabric
-        _seed_torch(self.settings.seed)
+        devices.seed_torch(self.settings.seed)
         with files.checked("the networks cannot be built", "change [method]"):
             networks: Any = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
@@ -125,7 +123,8 @@ class Trainer:
     def is_finished(self) -> bool:
         """Return whether all steps are done, or patience is exhausted; False: interrupted."""
         progress, settings = self.progress, self.settings
-        return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
+        misses = (progress.step - progress.best_step) // settings.validate_every
+        return progress.step >= settings.num_steps or 0 < settings.patience <= misses
 
     def fit(self, limit_s: float) -> None:
         """Train from the current step to the end, or to the time limit."""
@@ -159,11 +158,20 @@ class Trainer:
 
     def train_step(self, batch: Batch) -> Losses:
         """Take a step; return the losses, "NETWORK.LOSS" where several networks learn."""
-        _seed_torch(self.settings.seed, self.progress.step, self.fabric.global_rank)
+        devices.seed_torch(self.settings.seed, self.progress.step, self.fabric.global_rank)
         self.raw.train()
         losses = self.method.training_step(self.networks, batch, self.progress.step)
+        # A gradient scaler skips steps with overflown gradients and lowers the scale
+        is_strict = not self.fabric.strategy.precision.state_dict()
         for name, terms in losses.items():
-            self.optimise(name, terms["total"])
+            network, optimiser = self.networks[name], self.optimisers[name]
+            optimiser.zero_grad()  # the losses of other networks leave gradients here, too
+            self.fabric.backward(terms["total"])
+            if max_norm := self.settings.clip_norm:
+                self.fabric.clip_gradients(
+                    network, optimiser, max_norm=max_norm, error_if_nonfinite=is_strict
+                )
+            optimiser.step()
         if self.average is not None:
             self.average.update_parameters(self.raw)
         for scheduler in self.schedulers.values():
@@ -174,19 +182,6 @@ class Trainer:
             for name, terms in losses.items()
             for term, loss in terms.items()
         }
-
-    def optimise(self, name: str, total: Tensor) -> None:
-        """Run the backward pass, gradient clipping and optimiser step of one network."""
-        network, optimiser = self.networks[name], self.optimisers[name]
-        optimiser.zero_grad()  # the losses of other networks leave gradients here, too
-        self.fabric.backward(total)
-        if max_norm := self.settings.clip_norm:
-            # A gradient scaler skips steps with overflown gradients and lowers the scale
-            is_strict = not self.fabric.strategy.precision.state_dict()
-            self.fabric.clip_gradients(
-                network, optimiser, max_norm=max_norm, error_if_nonfinite=is_strict
-            )
-        optimiser.step()
 
     def validate(self, held_out: Iterable[Batch]) -> None:
         """Score the networks, or their EMA, and write their weights if they are the best so far."""
@@ -202,10 +197,8 @@ class Trainer:
                 totals[name] += size * float(number)
         scores = {name: total / num_examples for name, total in totals.items()}
         self.log("validation", scores)
-        self.progress.misses += 1
         if scores["score"] < self.progress.best_score:
             self.progress.best_score, self.progress.best_step = scores["score"], self.progress.step
-            self.progress.misses = 0
             self.write_weights(scores)
 
     def write_weights(self, scores: Mapping[str, float]) -> None:
@@ -270,11 +263,6 @@ class Trainer:
         for logger in self.loggers:
             logger.log_metrics({"seconds": self.progress.seconds, **row}, self.progress.step)
             logger.save()
-
-
-def _seed_torch(*numbers: int) -> None:
-    """Seed torch's random numbers on every device."""
-    torch.manual_seed(int(np.random.SeedSequence(numbers).generate_state(1)[0]))
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:

@@ -18,8 +18,15 @@ from geovp_classic.types import Intrinsics
 Head = Literal["2d", "3d"]
 
 FLOWNET = (  # channels, kernel size and stride of each convolution
-    *((64, 7, 2), (128, 5, 2), (256, 5, 2), (256, 3, 1), (512, 3, 2)),
-    *((512, 3, 1), (512, 3, 2), (512, 3, 1), (1024, 3, 2)),
+    (64, 7, 2),
+    (128, 5, 2),
+    (256, 5, 2),
+    (256, 3, 1),
+    (512, 3, 2),
+    (512, 3, 1),
+    (512, 3, 2),
+    (512, 3, 1),
+    (1024, 3, 2),
 )
 STEP_SCALES = (0.1, 0.1, 1.0, 0.02, 0.02, 0.02)  # of x, y, z, yaw, pitch, roll; a car at 10 Hz
 AXES = {"2d": (0, 2, 3), "3d": (0, 1, 2, 3, 4, 5)}  # of these, in a step

@@ -62,19 +62,15 @@ def reprojection_loss(
     """
     batch, views = cam_from_last.shape[:2]
     size_px = frames.shape[2:]
-    rays = splatting.rays(intrinsics, size_px).repeat_interleave(views, dim=0)
-    depths = inverse_depths.flatten(1).repeat_interleave(views, dim=0)
-    cameras = intrinsics.repeat_interleave(views, dim=0)
+    parts = (splatting.rays(intrinsics, size_px), inverse_depths.flatten(1), intrinsics, frames)
+    rays, depths, cameras, wanted = (part.repeat_interleave(views, dim=0) for part in parts)
     positions, _, in_front = splatting.project(rays, depths, cam_from_last.flatten(0, 1), cameras)
     positions = positions.unflatten(1, size_px)  # [B * V, H, W, 2]
     sampled = sample_images(targets.flatten(0, 1), positions)
-    wanted = frames.repeat_interleave(views, dim=0)
-    error = (1 - SSIM_WEIGHT) * (sampled - wanted).abs().mean(dim=1) + SSIM_WEIGHT * _dssim(
-        sampled, wanted
-    )
-    inside = (
-        (positions >= 0) & (positions <= positions.new_tensor([size_px[1], size_px[0]]) - 1)
-    ).all(dim=3)
+    difference = (sampled - wanted).abs().mean(dim=1)
+    error = (1 - SSIM_WEIGHT) * difference + SSIM_WEIGHT * _dssim(sampled, wanted)
+    last_px = positions.new_tensor([size_px[1], size_px[0]]) - 1
+    inside = ((positions >= 0) & (positions <= last_px)).all(dim=3)
     shown = inside & in_front.unflatten(1, size_px)
     best = torch.where(shown, error, torch.inf).unflatten(0, (batch, views)).amin(dim=1)
     counted = torch.isfinite(best)

@@ -30,40 +30,31 @@ class Example:
 class FramePairs:
     """One frame and some later ones."""
 
-    frame: ByteArray  # [H, W, 3]
-    targets: ByteArray  # [V, H, W, 3]
+    frames: ByteArray  # [1 + V, H, W, 3]
     cam_from_last: FloatArray  # [V, 4, 4], metres
     intrinsics: Intrinsics
     inverse_depth: FloatArray  # [H, W] 1/m of the frame; NaN where it is not known
 
     def mirrored(self) -> FramePairs:
         """Exchange left and right, of the motion, too."""
-        camera = replace(
-            self.intrinsics, cx_px=self.intrinsics.width_px - 1 - self.intrinsics.cx_px
-        )
-        motion = MIRROR @ self.cam_from_last @ MIRROR
+        camera = self.intrinsics
         return FramePairs(
-            self.frame[:, ::-1],
-            self.targets[:, :, ::-1],
-            motion,
-            camera,
+            self.frames[:, :, ::-1],
+            MIRROR @ self.cam_from_last @ MIRROR,
+            replace(camera, cx_px=camera.width_px - 1 - camera.cx_px),
             self.inverse_depth[:, ::-1],
         )
 
     def tensors(self) -> Batch:
         """Return the parts as tensors, images [..., 3, H, W] in [0, 1]."""
+        images = images_from_frames(self.frames)
         return {
-            "frames": images_from_frames(self.frame),
-            "targets": images_from_frames(self.targets),  # [V, 3, H, W]
+            "frames": images[0],
+            "targets": images[1:],  # [V, 3, H, W]
             "cam_from_last": torch.from_numpy(self.cam_from_last).float(),
             "intrinsics": intrinsics_tensor(self.intrinsics)[0],
             "inverse_depths": torch.from_numpy(self.inverse_depth.copy()).float(),
         }
-
-    def grey(self) -> FramePairs:
-        """Remove the colours."""
-        targets = np.stack([tensors.grey(target) for target in self.targets])
-        return replace(self, frame=tensors.grey(self.frame), targets=targets)
 
 
 def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
@@ -87,20 +78,26 @@ def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
     clip, last = example.clip, example.last
     steps = [last + horizon for horizon in horizons]
     poses = tensors.metric_trajectory(clip, "synsin").world_from_cam
-    motion = se3.inverse(poses[steps]) @ poses[last]
     inverse_depth = np.full(clip.frames.shape[1:3], np.nan)
     if clip.depths is not None:
         depth = clip.depths[last]
         with np.errstate(divide="ignore"):
             inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
-    return FramePairs(clip.frames[last], clip.frames[steps], motion, clip.intrinsics, inverse_depth)
+    return FramePairs(
+        clip.frames[[last, *steps]],
+        se3.inverse(poses[steps]) @ poses[last],
+        clip.intrinsics,
+        inverse_depth,
+    )
 
 
 def augmented(pairs: FramePairs, rng: np.random.Generator, grey_probability: float) -> FramePairs:
     """Mirror with probability 1/2, and remove the colours with probability `grey_probability`."""
     if rng.random() < 0.5:
         pairs = pairs.mirrored()
-    return pairs.grey() if rng.random() < grey_probability else pairs
+    if rng.random() < grey_probability:
+        pairs = replace(pairs, frames=tensors.grey(pairs.frames))
+    return pairs
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:

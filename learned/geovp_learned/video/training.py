@@ -86,7 +86,7 @@ class VideoTraining(ABC):
         if rng.random() < 0.5:
             frames = frames[:, :, ::-1]
         if rng.random() < self.grey_probability:
-            frames = np.stack([grey(frame) for frame in frames])
+            frames = grey(frames)
         return {"images": bytes_from_frames(frames)}
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:

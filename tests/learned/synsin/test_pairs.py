@@ -15,8 +15,8 @@ def scene(clip: Clip) -> FramePairs:
 
 
 def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, clip: Clip) -> None:
-    np.testing.assert_array_equal(scene.frame, clip.frames[3])
-    np.testing.assert_array_equal(scene.targets, clip.frames[[4, 7]])
+    np.testing.assert_array_equal(scene.frames[0], clip.frames[3])
+    np.testing.assert_array_equal(scene.frames[1:], clip.frames[[4, 7]])
     poses = clip.trajectory.world_from_cam
     np.testing.assert_allclose(poses[7] @ scene.cam_from_last[1], poses[3], atol=1e-12)
     assert scene.cam_from_last[1, 2, 3] == pytest.approx(
@@ -44,8 +44,8 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FrameP
             se3.transform(mirrored.cam_from_last[number], point_mirrored), mirrored.intrinsics
         )
         np.testing.assert_allclose(other, [[31 - seen[0, 0], seen[0, 1]]])
-    np.testing.assert_array_equal(mirrored.frame[:, 0], scene.frame[:, -1])
-    np.testing.assert_array_equal(mirrored.mirrored().targets, scene.targets)
+    np.testing.assert_array_equal(mirrored.frames[0, :, 0], scene.frames[0, :, -1])
+    np.testing.assert_array_equal(mirrored.mirrored().frames, scene.frames)
 
 
 def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
@@ -54,9 +54,9 @@ def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
         for seed in range(200)
     ]
     mirrored = sum(
-        one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any()
+        one.intrinsics != scene.intrinsics or (one.frames[0, 0, 0] != scene.frames[0, 0, 0]).any()
         for one in drawn
     )
-    grey = sum(bool((one.frame == one.frame[..., :1]).all()) for one in drawn)
+    grey = sum(bool((one.frames[0] == one.frames[0, ..., :1]).all()) for one in drawn)
     assert 80 <= mirrored <= 150  # grey ones look changed as well
     assert 30 <= grey <= 70
