@@ -84,7 +84,7 @@ def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
     images, num_past = past, past.shape[1]
     while images.shape[1] < num_past + num_future:
         new = network(images[:, -num_past:])
-        if new.ndim != 5 or new.shape[1] == 0 or new[:, 0].shape != past[:, 0].shape:
+        if new[:, :1].shape != past[:, :1].shape:
             raise BadData(
                 f"{type(network).__name__} gives images {list(new.shape)}, expected "
                 f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]: fix its forward"

@@ -66,20 +66,15 @@ def reproject(
     frame: ByteArray,  # [H, W, 3]
     camera: Intrinsics,
     wanted: Intrinsics,
-    cam_from_wanted: FloatArray | None = None,  # [3, 3]; the identity when not given
-    *,
-    mirrored: bool = False,
+    cam_from_wanted: FloatArray,  # [3, 3]
 ) -> ByteArray:
-    """Return the view of another camera at the same place: its calibration, a rotation, left and
-    right exchanged if mirrored.
+    """Return the view of another camera at the same place: its calibration, and a rotation or
+    reflection.
 
     What the frame does not show is filled with its border.
     """
-    rotation = np.eye(3) if cam_from_wanted is None else cam_from_wanted
-    if mirrored:
-        rotation = rotation @ MIRROR[:3, :3]
     # pixels of the frame from those wanted
-    homography = camera.matrix @ rotation @ np.linalg.inv(wanted.matrix)
+    homography = camera.matrix @ cam_from_wanted @ np.linalg.inv(wanted.matrix)
     flags, size_px = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (wanted.width_px, wanted.height_px)
     return cv2.warpPerspective(
         frame, homography, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE

@@ -127,12 +127,13 @@ def tables(file: Path, root: Path | None = None, variant: str | None = None) -> 
     """
     advice = f"give a .toml file or one of {', '.join(shipped())}"
     source = FOLDER / f"{file.name}.toml" if file.name in shipped() else file
-    text = os.path.expandvars(files.read_text(source))
     with files.checked(f"{file} is not a training config", advice):
-        content = tomllib.loads(text)
+        content = tomllib.loads(os.path.expandvars(files.read_text(source)))
         content.pop("about", None)
         variants = content.pop("variants", {})
         if variant is not None:
+            if variant not in variants:
+                raise ValueError(f"its variants are {', '.join(variants) or 'none'}")
             content = _merged(content, variants[variant])
         content["method"] = dict(content.get("method", {}))
         for table in (*content.get("train", []), *content.get("validation", [])):

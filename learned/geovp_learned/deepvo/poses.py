@@ -98,4 +98,4 @@ def network_image(frame: ByteArray, camera: Intrinsics, wanted: Intrinsics) -> T
     """Convert a frame [H, W, 3] to the image [3, H', W'] in [0, 1] that another camera would have
     taken.
     """
-    return images_from_frames(reproject(*shrink(frame, camera, wanted), wanted))
+    return images_from_frames(reproject(*shrink(frame, camera, wanted), wanted, np.eye(3)))

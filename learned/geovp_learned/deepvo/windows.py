@@ -96,18 +96,17 @@ def sample(
     # no rotation at the middle of the window, so that its images stay within the wide frame
     yaws_rad = rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2)
     cam_from_turned = se3.exp(np.outer(yaws_rad, [0, 0, 0, 0, 1, 0]))
+    mirror = MIRROR if mirrored else np.eye(4)
     images = []
-    for step, rotation in zip(steps[:num_past], cam_from_turned[:, :3, :3], strict=False):
+    for step, rotation in zip(steps[:num_past], cam_from_turned @ mirror, strict=False):
         frame = clip.frames[step]
-        image = tensors.reproject(frame, clip.camera, camera, rotation, mirrored=mirrored)
+        image = tensors.reproject(frame, clip.camera, camera, rotation[:3, :3])
         images.append(tensors.grey(image) if grey else image)
     gamma_table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
     world_from_cam = clip.world_from_cam[np.minimum(steps, last)] @ cam_from_turned
     relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
-    if mirrored:
-        relative = MIRROR @ relative @ MIRROR
     return {
         "images": tensors.bytes_from_frames(gamma_table[np.stack(images)]),
-        "motions": torch.from_numpy(relative).float(),
+        "motions": torch.from_numpy(mirror @ relative @ mirror).float(),
         "is_known": torch.from_numpy(is_known).float(),
     }

@@ -5,7 +5,7 @@ and refines.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -62,15 +62,19 @@ class SynSin(checkpoints.Pretrained):
             raise Incompatible(
                 "synsin's depth is in metres, the poses are not: give the odometry a scale"
             )
-        generator: Any = self.load()[0]
+        generator, _ = self.load()
+        inputs = (
+            images_from_frames(context.frames[-1:]),
+            intrinsics_tensor(context.intrinsics),
+            self._noise(generator.feature_noise),
+        )
         with torch.inference_mode(), devices.one_thread():
-            frame, camera = (
-                images_from_frames(context.frames[-1:]),
-                intrinsics_tensor(context.intrinsics),
-            )
-            noise = drawn(generator.feature_noise, self.seed)
-            cloud = generator.encode(*(part.to(self.device) for part in (frame, camera, noise)))
-        return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
+            cloud = generator.encode(*(part.to(self.device) for part in inputs))
+        noise = self._noise(generator.refinement_noise).to(self.device)
+        return FeatureScene(generator, cloud, noise, past.world_from_cam[-1])
+
+    def _noise(self, size: int) -> Tensor:
+        return torch.randn(1, size, generator=torch.Generator().manual_seed(self.seed))
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,8 @@ class FeatureScene:
 
     generator: Generator
     cloud: FeatureCloud  # of one frame
+    noise: Tensor  # [1, N], the same for all views
     world_from_last: FloatArray  # [4, 4]
-    seed: int
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
@@ -89,7 +93,7 @@ class FeatureScene:
         inpainted by the network elsewhere.
         """
         cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
-        size = 1 if self.cloud.rays.device.type == "cpu" else VIEWS_AT_ONCE
+        size = 1 if self.noise.device.type == "cpu" else VIEWS_AT_ONCE
         views = devices.on_one_thread_each(
             lambda poses: self.rendered(poses, intrinsics), cam_from_last.split(size)
         )
@@ -100,19 +104,15 @@ class FeatureScene:
         self, cam_from_last: Tensor, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Render frames [B, H, W, 3], coverage and depths [B, H, W] from poses [B, 4, 4]."""
-        device, count = self.cloud.rays.device, len(cam_from_last)
+        count = len(cam_from_last)
+        camera = intrinsics_tensor(intrinsics)
         images = self.generator.render(
             self.cloud.repeated(count),
-            cam_from_last.to(device),
-            intrinsics_tensor(intrinsics).to(device).expand(count, -1),
+            cam_from_last.to(self.noise.device),
+            camera.to(self.noise.device).expand(count, -1),
             (intrinsics.height_px, intrinsics.width_px),
-            drawn(self.generator.refinement_noise, self.seed).to(device).expand(count, -1),
+            self.noise.expand(count, -1),
         )
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
         return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()
-
-
-def drawn(noise_size: int, seed: int) -> Tensor:
-    """Draw noise [1, noise_size]."""
-    return torch.randn(1, noise_size, generator=torch.Generator().manual_seed(seed))

@@ -17,7 +17,6 @@ from geovp_classic.errors import BadData
 
 INNERMOST_PX = 4
 MAX_CHANNEL_FACTOR = 8  # channels of the innermost stages, in widths
-VGG_CONVOLUTIONS = (2, 2, 3)  # per stage; later stages have as many as the last of these
 LOGIT_EPS = 1 / 512  # half a grey level, so that black has a finite logit
 
 Skips = Sequence[Tensor]  # feature maps of the stages, full resolution first
@@ -135,7 +134,7 @@ def _stage(
             resampling(in_channels, out_channels, 4, 2, 1, bias=False), *_norm_relu(out_channels)
         )
     layers: list[nn.Module] = []
-    for _ in range(VGG_CONVOLUTIONS[min(stage, len(VGG_CONVOLUTIONS) - 1)]):
+    for _ in range(2 if stage < 2 else 3):
         layers += [
             nn.Conv2d(in_channels, out_channels, 3, padding=1, bias=False),
             *_norm_relu(out_channels),
