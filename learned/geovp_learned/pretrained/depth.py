@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth.alignment import DepthAlignment, DepthValues, inverse_of, metric
+from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Context, FloatArray, PrivilegedInput, Trajectory
 from geovp_learned.checkpoints import UNKNOWN_ORIGIN
 
@@ -40,6 +41,10 @@ class NetworkDepth(ABC):
         Raises Incompatible if metric depth meets poses that are not metric.
         """
         num_past, height_px, width_px, _ = context.frames.shape
+        if not all(-num_past <= frame < num_past for frame in self.frames):
+            raise BadData(
+                f"frames {self.frames} of {num_past} observed ones: choose from -{num_past} to -1"
+            )
         steps = list(self.frames)
         maps = np.full((num_past, height_px, width_px), np.nan, np.float32)
         output = self.predict(context.frames[steps])
