@@ -10,7 +10,6 @@ from scipy.signal import lfilter
 from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_classic.types import FloatArray
-from studies import coverage
 
 
 def autocorrelation_time(values: FloatArray, *groups: FloatArray) -> tuple[float, int]:
@@ -30,10 +29,15 @@ def standard_error(values: FloatArray, tau: float, is_apart: bool = False) -> tu
 def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     correlation: float, low: float, high: float
 ) -> None:
-    autoregression = [1.0], [1.0, -correlation]
-    covered, naive, _ = coverage.coverage((36,), autoregression, stats.norm(), 400)
-    assert low < covered < high
+    noise = np.random.default_rng(0).normal(size=(400, 236))
+    values = lfilter([1.0], [1.0, -correlation], noise, axis=1)[:, 200:]
+    found = [
+        intervals.interval(row, np.zeros(36), seed=number) for number, row in enumerate(values)
+    ]
+    assert low < np.mean([each.low <= 0 <= each.high for each in found]) < high
     # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent values
+    half = stats.t(35).ppf(0.975) * values.std(axis=1, ddof=1) / 6
+    naive = (np.abs(values.mean(axis=1)) <= half).mean()
     assert (naive < 0.82) == (correlation == 0.5)
 
 

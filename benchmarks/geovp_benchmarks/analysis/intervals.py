@@ -9,8 +9,8 @@ been taken out (Marriott & Pope 1954). Blocks of neighbours are resampled within
 narrow: the distribution is widened to the standard error of the equal-weighted cosine estimator
 (Mueller 2007; Lazarus et al. 2018), which looks at the slowest changes of the values alone, and to
 Student's t, with as many degrees of freedom as there are of them. An interval is one for these
-sequences; what others would give cannot be told from a few. `python benchmarks/studies coverage`
-shows how often such intervals hold the truth.
+sequences; what others would give cannot be told from a few.
+`docs/concepts/statistics.md` lists how often such intervals hold the truth in simulations.
 """
 
 import functools
