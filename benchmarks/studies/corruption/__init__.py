@@ -18,9 +18,10 @@ import numpy as np
 
 from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import GeovpError
 from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.source import Source, resampled
@@ -34,7 +35,6 @@ from geovp_classic.types import (
     PrivilegedInput,
     Target,
 )
-from studies.corruption.figure import draw_corruptions
 from studies.corruption.kinds import CORRUPTIONS, NUM_PAST, NUM_STEPS, Corruption
 
 Methods = Mapping[str, GeometricPredictor]
@@ -42,23 +42,19 @@ SCORED_STEPS = np.array([0, 4, 9, 14, 19])  # of the future
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the clips, the corruptions and the figure."""
+    """Add the clips and the corruptions."""
     add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
     default = ("03[0:180)", "raw0095")  # train and val
     text = f"Sequences or stretches of them. Default: {' '.join(default)}."
     add(parser, "frames", "FRAMES", text, default, nargs="*")
     add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 60.", 60)
-    add(parser, "--only", "NAME...", "Names of the corruptions. Default: all.")
-    add(parser, "--plot", "FIGURE", "File for curves: png, pdf or svg.")
+    text = "Names of the corruptions. Default: all."
+    names = list(CORRUPTIONS)
+    add(parser, "--only", "NAME", text, names, nargs="+", choices=names)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    """Yield a Markdown table; draw the curves."""
-    names = args.only or list(CORRUPTIONS)
-    for name in names:
-        if name not in CORRUPTIONS:
-            nearest = registry.nearest(name, CORRUPTIONS)
-            raise BadData(f"no corruption is called {name!r}{nearest}")
+    """Yield a Markdown table."""
     dataset = registry.build(
         "datasets",
         {
@@ -73,23 +69,23 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     )
     clips = [dataset[index] for index in range(len(dataset))]
     compared = methods()
-    tasks = [(name, severity) for name in names for severity in range(CORRUPTIONS[name].severities)]
-    gains: dict[str, list[FloatArray]] = {name: [] for name in names}
+    tasks = [
+        (name, severity) for name in args.only for severity in range(CORRUPTIONS[name].severities)
+    ]
+    means = []
     for name, severity in tracked(tasks, len(tasks), progress):
         of_clips = [gains_db(clip, CORRUPTIONS[name], severity, compared) for clip in clips]
-        gains[name].append(mean_over_clips(np.array(of_clips)))
-    values = np.concatenate(list(gains.values()))
+        means.append(nanmean(np.array(of_clips), axis=0))
+    values = np.array(means)
     yield f"{len(clips)} clips of {', '.join(args.frames)}; dB over copying the last frame"
     num_below = (values < -0.5).sum()
     yield f"{num_below} of {values.size} values below -0.5 dB, minimum {np.nanmin(values):.1f} dB"
     yield ""
     lines = [
-        [f"{name} {severity + 1}", *(f"{value:.1f}" for value in gains[name][severity])]
-        for name, severity in tasks
+        [f"{name} {severity + 1}", *(f"{value:.1f}" for value in row)]
+        for (name, severity), row in zip(tasks, values, strict=True)
     ]
     yield from grid([["corruption, severity", *compared], *lines])
-    if args.plot is not None:
-        draw_corruptions(args.plot, gains, list(compared))
 
 
 def methods() -> dict[str, GeometricPredictor]:
@@ -160,9 +156,3 @@ def corrupted(
     changed = replace(clip, frames=frames, full=full, trajectory=trajectory)
     context, target = changed.split(NUM_PAST, needs)
     return corruption.context(context, severity), target
-
-
-def mean_over_clips(gains: FloatArray) -> FloatArray:
-    """Return means [M] over the clips [C, M] that could be predicted; NaN if there is none."""
-    mean = np.ma.masked_invalid(gains).mean(axis=0)
-    return np.asarray(np.ma.filled(mean, np.nan))
