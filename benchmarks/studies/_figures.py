@@ -12,19 +12,12 @@ from geovp_benchmarks.plots import style
 
 
 @contextmanager
-def panels(
-    path: Path,
-    size_in: tuple[float, float],
-    num_columns: int,
-    num_rows: int = 1,
-    *,
-    sharex: bool = True,
-) -> Iterator[Sequence[Axes]]:
+def panels(path: Path, size_in: tuple[float, float], num_columns: int) -> Iterator[Sequence[Axes]]:
     """Yield panels with a shared y axis; then write them with a legend above to a file."""
     with mpl.style.context(style.SHEET):
         figure = Figure(figsize=size_in, dpi=300, layout="constrained")
-        grid = figure.subplots(num_rows, num_columns, sharex=sharex, sharey=True, squeeze=False)
-        yield list(grid.flat)
-        handles = grid[0, 0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside upper center", ncols=len(handles[0]))
+        (row,) = figure.subplots(1, num_columns, sharey=True, squeeze=False)
+        yield list(row)
+        lines, labels = row[0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside upper center", ncols=len(lines))
         figure.savefig(path)

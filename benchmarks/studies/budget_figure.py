@@ -27,7 +27,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     stages = [row.label for row in tables[0].methods]
     places = np.arange(len(stages))
     size_in = 3 * len(tables), 1 + 0.3 * len(stages)
-    with panels(args.figure, size_in, len(tables), sharex=False) as drawn:
+    with panels(args.figure, size_in, len(tables)) as drawn:
         for axes, table in zip(drawn, tables, strict=True):
             axes.axvline(0, color="0.5", linewidth=0.8)
             axes.set_xlabel(f"change of {table.name.upper()}")
