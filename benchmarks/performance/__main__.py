@@ -9,13 +9,12 @@ import argparse
 from collections.abc import Sequence
 
 from geovp_benchmarks.cli.options import add
-from performance import clip, libraries, live, scoring, splat
+from performance import clip, libraries, live, splat
 
 SECTIONS = {
     "clip": lambda args: clip.lines(args.rounds, args.kitti, "crop"),
     "full-clip": lambda args: clip.lines(args.rounds, args.kitti, "full"),
     "live": lambda args: live.lines(10 * args.rounds, args.kitti),
-    "scoring": lambda args: [each.line(args.rounds) for each in scoring.comparisons()],
     "rendering": lambda args: [splat.comparison().line(args.rounds)],
     "solvers": lambda args: [each.line(args.rounds) for each in libraries.problems()],
 }

@@ -4,7 +4,6 @@ Random points are observed by known cameras, with noise and, as in the odometry,
 solver of our own stays only where it is three times as fast or more accurate.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -18,23 +17,10 @@ from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.pose_refinement.registration import ImageRegistration
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+from geovp_classic.types import FloatArray, Intrinsics
 from performance import Comparison
 
 CAMERA = Intrinsics(700.0, 700.0, 620.0, 185.0, 1241, 376)
-
-
-@dataclass(frozen=True)
-class Problem(Comparison):
-    """A comparison whose solutions have errors."""
-
-    error: Callable[[Any], float]  # of a solution, against the truth
-    unit: str
-
-    def line(self, rounds: int) -> str:
-        """Return times, their ratio, and both errors."""
-        errors = [self.error(solve()) for solve in (self.ours, self.rival)]
-        return f"{super().line(rounds)}; errors {errors[0]:.2g} and {errors[1]:.2g} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -62,19 +48,14 @@ class Scene:
         with_outliers[:count] += rng.uniform(-0.1, 0.1, (count, 2))
         return cls(points, poses, rays, noise, with_outliers)
 
-    @property
-    def all_points(self) -> BoolArray:
-        """Return a mask [N] of all points."""
-        return np.ones(len(self.points), dtype=bool)
 
-
-def problems() -> list[Problem]:
+def problems() -> list[Comparison]:
     """Return all problems on one scene."""
     scene = Scene.random()
     return [triangulation(scene), resection(scene), relative_pose(scene), adjustment(scene)]
 
 
-def triangulation(scene: Scene) -> Problem:
+def triangulation(scene: Scene) -> Comparison:
     """Return the triangulation of all points from all views."""
     poses = list(scene.cam_from_world[:, :3])
 
@@ -89,10 +70,10 @@ def triangulation(scene: Scene) -> Problem:
     def ours() -> FloatArray:
         return triangulate(scene.rays, scene.cam_from_world)
 
-    return Problem("triangulation", ours, "pycolmap", rival, error, "m")
+    return Comparison("triangulation", ours, "pycolmap", rival, error, "m")
 
 
-def resection(scene: Scene) -> Problem:
+def resection(scene: Scene) -> Comparison:
     """Return the search of the last view's pose by known points, from half a metre off."""
     truth = scene.cam_from_world[-1]
     guess = se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ truth
@@ -100,7 +81,8 @@ def resection(scene: Scene) -> Problem:
     options = pycolmap.AbsolutePoseRefinementOptions(
         loss_function_scale=scene.noise, gradient_tolerance=1e-9
     )
-    arguments = (scene.with_outliers, scene.points, scene.all_points, camera, options)
+    is_used = np.ones(len(scene.points), dtype=bool)
+    arguments = (scene.with_outliers, scene.points, is_used, camera, options)
 
     def rival() -> FloatArray:
         solution: Any = pycolmap.refine_absolute_pose(rigid(guess), *arguments)
@@ -109,10 +91,10 @@ def resection(scene: Scene) -> Problem:
     def ours() -> FloatArray:
         return refine_pose(scene.points, scene.with_outliers, guess, scene.noise)
 
-    return Problem("resection", ours, "pycolmap", rival, lambda pose: distance(pose, truth), "m")
+    return Comparison("resection", ours, "pycolmap", rival, lambda pose: distance(pose, truth), "m")
 
 
-def relative_pose(scene: Scene) -> Problem:
+def relative_pose(scene: Scene) -> Comparison:
     """Return the search of the motion between the first and last view, one or two degrees off."""
     truth = scene.cam_from_world[-1].copy()
     truth[:3, 3] /= np.linalg.norm(truth[:3, 3])
@@ -120,9 +102,10 @@ def relative_pose(scene: Scene) -> Problem:
     guess[:3, 3] /= np.linalg.norm(guess[:3, 3])
     rays = (scene.rays[0], scene.with_outliers)
     before, after = map(directions, rays)
+    is_used = np.ones(len(before), dtype=bool)
 
     def rival() -> FloatArray:
-        solution: Any = pycolmap.refine_relative_pose(rigid(guess), before, after, scene.all_points)
+        solution: Any = pycolmap.refine_relative_pose(rigid(guess), before, after, is_used)
         return matrix_of(solution["cam2_from_cam1"])
 
     def ours() -> FloatArray:
@@ -131,10 +114,10 @@ def relative_pose(scene: Scene) -> Problem:
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
 
-    return Problem("relative pose", ours, "pycolmap", rival, error, "deg")
+    return Comparison("relative pose", ours, "pycolmap", rival, error, "deg")
 
 
-def adjustment(scene: Scene) -> Problem:
+def adjustment(scene: Scene) -> Comparison:
     """Return the bundle adjustment of all poses, from a hundredth of a degree and some mm off.
 
     pycolmap's adjustment fixes the scale alone.
@@ -159,7 +142,7 @@ def adjustment(scene: Scene) -> Problem:
         adjusted, *_ = bundle_adjust(given, points, pixels, CAMERA, num_fixed=1)
         return adjusted[-1]
 
-    return Problem(
+    return Comparison(
         "bundle adjustment", ours, "pycolmap", rival, lambda pose: distance(pose, poses[-1]), "m"
     )
 

@@ -9,7 +9,7 @@ last tables show what lost frames and jitter cost the forecast views.
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,7 @@ import numpy as np
 
 from geovp_benchmarks.analysis.intervals import interval
 from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -29,7 +30,6 @@ from studies._figures import panels
 
 LATENCY_FRAMES = np.array([1, 2, 3, 5, 7, 10, 15, 20, 25])  # of 0.1 s
 NUM_WARM_UP = 12  # frames
-CHANNEL_LATENCY_S = 0.5
 METHODS = (
     "late image",
     "late image, shifted",
@@ -38,7 +38,11 @@ METHODS = (
     "live, commanded",
     "live, recorded motion",
 )
-CHANNELS = {"clean": (0.0, 0.0), "5 % lost": (0.05, 0.0), "100 ms jitter": (0.0, 0.1)}
+CHANNELS = {
+    "clean": Channel(),
+    "5 % lost": Channel(loss=0.05),
+    "100 ms jitter": Channel(jitter_s=0.1),
+}
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
             shown.append(np.array(scores))  # [method, metric, latency]
             roads.append(index)
             warned.append(fraction)
-        for name, (loss, jitter_s) in CHANNELS.items():
-            present, real = received(clip, args.every, loss, jitter_s, seed=index)
+        for name, channel in CHANNELS.items():
+            present, real = received(clip, args.every, replace(channel, seed=index))
             channels[name].append(
                 np.array([metric(present, real, None) for metric in metrics.values()])
             )
@@ -145,10 +149,10 @@ def presents(
         yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
         commands = commanded(clip, range(step, steps[-1]), errors, rng)
         forecast = [live.view(now_s) for now_s in clip.times_s[steps]]
-        recent = slice(step - 2, None)
+        recent = slice(step - 2, step + 1)
         context = Context(
-            frames=clip.frames[step - 2 : step + 1],
-            times_s=np.append(clip.times_s[recent][:3], clip.times_s[steps]),
+            frames=clip.frames[recent],
+            times_s=np.append(clip.times_s[recent], clip.times_s[steps]),
             intrinsics=clip.intrinsics,
         )
         views = [
@@ -196,25 +200,18 @@ def shifted(frame: ByteArray, left_px: float) -> ByteArray:
     return np.asarray(moved, np.uint8)
 
 
-def received(
-    clip: Clip, stride: int, loss: float, jitter_s: float, seed: int
-) -> tuple[ByteArray, ByteArray]:
+def received(clip: Clip, stride: int, channel: Channel) -> tuple[ByteArray, ByteArray]:
     """Return forecast views [N, H, W, 3] over a channel with faults, and the real frames."""
-    rng = np.random.default_rng(seed)
-    delays_s = CHANNEL_LATENCY_S + rng.uniform(0, jitter_s, len(clip))
-    arrivals_s = np.where(rng.random(len(clip)) < loss, np.inf, clip.times_s + delays_s)
+    in_flight = InFlight(channel)
     live = LivePredictor(clip.intrinsics, clip.camera_height_m)
-    order = np.argsort(arrivals_s)
-    num_pushed = 0
     views, real = [], []
-    for step, now_s in enumerate(clip.times_s):
-        while num_pushed < len(order) and arrivals_s[order[num_pushed]] <= now_s + 1e-6:
-            sent = order[num_pushed]
-            live.push(clip.frames[sent], clip.times_s[sent])
-            num_pushed += 1
+    for step, (frame, now_s) in enumerate(zip(clip.frames, clip.times_s, strict=True)):
+        in_flight.send(step, frame, now_s, now_s)
+        for sent in in_flight.receive(now_s):
+            live.push(sent.frame, sent.time_s)
         if step >= 2 * NUM_WARM_UP and step % stride == 0:
             views.append(live.view(now_s).frame)
-            real.append(clip.frames[step])
+            real.append(frame)
     return np.stack(views), np.stack(real)
 
 
