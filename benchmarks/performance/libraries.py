@@ -85,7 +85,7 @@ def resection(scene: Scene) -> Comparison:
     arguments = (scene.with_outliers, scene.points, is_used, camera, options)
 
     def rival() -> FloatArray:
-        solution: Any = pycolmap.refine_absolute_pose(rigid(guess), *arguments)
+        solution: Any = pycolmap.refine_absolute_pose(pycolmap.Rigid3d(guess[:3]), *arguments)
         return matrix_of(solution["cam_from_world"])
 
     def ours() -> FloatArray:
@@ -105,7 +105,9 @@ def relative_pose(scene: Scene) -> Comparison:
     is_used = np.ones(len(before), dtype=bool)
 
     def rival() -> FloatArray:
-        solution: Any = pycolmap.refine_relative_pose(rigid(guess), before, after, is_used)
+        solution: Any = pycolmap.refine_relative_pose(
+            pycolmap.Rigid3d(guess[:3]), before, after, is_used
+        )
         return matrix_of(solution["cam2_from_cam1"])
 
     def ours() -> FloatArray:
@@ -151,11 +153,6 @@ def directions(rays: FloatArray) -> FloatArray:
     """Return unit vectors [..., 3] of rays [..., 2]."""
     directions = homogeneous(rays)
     return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-
-
-def rigid(pose: FloatArray) -> pycolmap.Rigid3d:
-    """Return pycolmap's form of a transform [4, 4]."""
-    return pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
 
 
 def matrix_of(pose: pycolmap.Rigid3d) -> FloatArray:
