@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import interval
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import add
 from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.progress import Progress, tracked
@@ -25,7 +25,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.streaming import Command, LivePredictor
-from geovp_classic.types import ByteArray, Clip, Context, FloatArray
+from geovp_classic.types import ByteArray, Clip, Context, FloatArray, IntArray
 from studies._figures import panels
 
 LATENCY_FRAMES = np.array([1, 2, 3, 5, 7, 10, 15, 20, 25])  # of 0.1 s
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         draw(Path(args.plot), values[:, :, 0].mean(axis=0), next(iter(metrics)))
 
 
-def gains(values: FloatArray, roads: FloatArray, metrics: Sequence[str]) -> Iterator[str]:
+def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterator[str]:
     """Yield the mean paired gains of the forecast views, with 95 % intervals."""
     steps = np.flatnonzero(np.isin(LATENCY_FRAMES, (2, 5, 10, 20)))
     rows = []
@@ -123,7 +123,7 @@ def gains(values: FloatArray, roads: FloatArray, metrics: Sequence[str]) -> Iter
             gain = values[:, 3, column] - values[:, reference, column]
             entries = []
             for step in steps:
-                mean = interval(gain[:, step], roads)
+                mean = BlockBootstrap().interval(gain[:, step], roads)
                 entries.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
             rows.append([f"{metric}: over {METHODS[reference]}", *entries])
     head = ["gain of the forecast views", *(f"{LATENCY_FRAMES[step] / 10:g} s" for step in steps)]

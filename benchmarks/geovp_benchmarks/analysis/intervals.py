@@ -15,12 +15,9 @@ sequences; what others would give cannot be told from a few.
 
 import functools
 import statistics
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
@@ -39,37 +36,13 @@ class Interval:
     low: float
     high: float
     effective: float  # effective sample size in clips
-    p_zero: float  # two-sided, of a true mean of zero
-
-
-NOTHING = Interval(float("nan"), float("nan"), float("nan"), 0.0, float("nan"))
-
-
-def sequences_of(clips: Sequence[str]) -> IntArray:
-    """Return the number [N] of the sequence of each clip: its name up to the last slash."""
-    return _sequences_of(tuple(clips))
 
 
 @functools.lru_cache(maxsize=4)  # all scores of a table share them
-def _sequences_of(clips: tuple[str, ...]) -> IntArray:
+def sequences_of(clips: tuple[str, ...]) -> IntArray:
+    """Return the number [N] of the sequence of each clip: its name up to the last slash."""
     names = [clip.rpartition("/")[0] for clip in clips]
-    numbers = {name: number for number, name in enumerate(sorted(set(names)))}
-    return np.array([numbers[name] for name in names], np.int64)
-
-
-def interval(
-    values: FloatArray,  # [N], in the order in which clips were taken; NaN is left out
-    sequences: npt.NDArray[np.generic],  # [N], where each is cut from
-    level: float = 0.95,
-    seed: int = 0,
-    bounds: Bounds = UNBOUNDED,
-) -> Interval:
-    """Return the mean and its interval; without one for fewer than three values.
-
-    It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
-    between them, so that the interval holds it as often as before.
-    """
-    return BlockBootstrap(level, seed).interval(values, sequences, bounds)
+    return np.unique(names, return_inverse=True)[1]
 
 
 @dataclass(frozen=True)
@@ -81,14 +54,11 @@ class Groups:
     num_short: int = 0  # clips in the last group, which count as independent
 
     @classmethod
-    def of(cls, sequences: npt.NDArray[np.generic], min_length: int) -> "Groups":
+    def of(cls, sequences: IntArray, min_length: int) -> "Groups":
         """Return the groups of clips [N] by their sequences."""
-        if not np.issubdtype(sequences.dtype, np.integer):
-            sequences = np.unique(sequences, return_inverse=True)[1]
-        codes = np.asarray(sequences, np.int64)
-        sizes = np.bincount(codes)
-        is_short = sizes[codes] < min_length
-        order = np.argsort(np.where(is_short, len(sizes), codes), kind="stable")
+        sizes = np.bincount(sequences)
+        is_short = sizes[sequences] < min_length
+        order = np.argsort(np.where(is_short, len(sizes), sequences), kind="stable")
         num_short = int(is_short.sum())
         lengths = [*sizes[sizes >= min_length], *[num_short] * (num_short > 0)]
         return cls(order, np.array(lengths, np.int64), num_short)
@@ -107,8 +77,7 @@ class Groups:
         padded[np.arange(len(off)) + gaps] = off
         sums = np.fft.irfft(np.abs(np.fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
         lags = np.arange(1, max_lag + 1)
-        counts = Counter(self.lengths.tolist())
-        num_pairs = sum(num * np.maximum(length - lags, 0) for length, num in counts.items())
+        num_pairs = np.maximum(np.subtract.outer(self.lengths, lags), 0).sum(axis=0)
         return np.asarray(sums / num_pairs)
 
 
@@ -130,38 +99,44 @@ class BlockBootstrap:
     min_slow: float = 2.0
     min_error_ratio: float = 0.6  # of the standard error that independent values would have
     min_length: int = 3  # clips of a sequence
-    min_p: float = 1e-4  # the number of resamples tells nothing of less
 
     def interval(
-        self, values: FloatArray, sequences: npt.NDArray[np.generic], bounds: Bounds = UNBOUNDED
+        self,
+        values: FloatArray,  # [N], in the order in which clips were taken; NaN is left out
+        sequences: IntArray,  # [N], where each is cut from
+        bounds: Bounds = UNBOUNDED,
     ) -> Interval:
-        """Return the mean of values [N] with its interval; NaN is left out."""
+        """Return the mean and its interval; without one for fewer than three values.
+
+        It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
+        between them, so that the interval holds it as often as before.
+        """
         is_finite = np.isfinite(values)
-        if not is_finite.all():
-            values, sequences = values[is_finite], sequences[is_finite]
+        values, sequences = values[is_finite], sequences[is_finite]
         if not len(values):
-            return NOTHING
+            return Interval(np.nan, np.nan, np.nan, 0.0)
         groups = Groups.of(sequences, self.min_length)
         values, mean, count = values[groups.order], float(values.mean()), len(values)
         tau, visible = self.autocorrelation_time(values, groups)
         if count < 3:
-            return Interval(mean, float("nan"), float("nan"), count / tau, float("nan"))
+            return Interval(mean, np.nan, np.nan, count / tau)
         error, degrees = self.standard_error(values, groups, tau)
         # few slow cosines can be small by chance
         error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
         if count > self.max_resampled:
-            off = _normal_quantiles((np.arange(self.num_resamples) + 0.5) / self.num_resamples)
+            fractions = (np.arange(self.num_resamples) + 0.5) / self.num_resamples
+            off = np.array([_normal_quantile(fraction) for fraction in fractions.tolist()])
         else:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
             means = np.einsum("rn,n->r", draws, values) / count  # without threads, unlike @
-            off = np.sort(means - mean)
+            off = means - mean
         if values.std() <= 1e-12 * abs(mean):
-            return Interval(mean, mean, mean, count / tau, float(mean == 0))
-        off = off * (error / off.std())
-        low, high = np.clip(mean + _ends(off, degrees, (1 - self.level,))[:, 0], *bounds)
-        p_zero = self._p_zero(mean, off, degrees)
-        return Interval(mean, float(low), float(high), count / tau, p_zero)
+            return Interval(mean, mean, mean, count / tau)
+        tail = (1 + self.level) / 2
+        factor = student_quantile(degrees, tail) / _normal_quantile(tail) * error / off.std()
+        low, high = np.clip(mean + factor * np.quantile(off, [1 - tail, tail]), *bounds)
+        return Interval(mean, float(low), float(high), count / tau)
 
     def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:
         """Return tau, from 1 for independent values to N / min_effective, and the visible lags.
@@ -215,17 +190,6 @@ class BlockBootstrap:
             num += len(sequences) * (slow + 1)
         return float(np.sqrt(powers / expected / count)), num
 
-    def _p_zero(self, mean: float, off: FloatArray, degrees: int) -> float:
-        """Return the largest p whose interval still holds zero, at least `min_p`."""
-        p_values = _p_values(self.min_p, 1 - self.level)
-        low, high = mean + _ends(off, degrees, p_values)
-        return float(max(np.array(p_values)[(low <= 0) & (high >= 0)], default=self.min_p))
-
-
-@functools.cache
-def _p_values(min_p: float, miss: float) -> tuple[float, ...]:
-    return (*np.geomspace(min_p, 0.999, 200).tolist(), miss)
-
 
 @functools.lru_cache(maxsize=16)
 def _draws(lengths: tuple[int, ...], block: int, num_resamples: int, seed: int) -> FloatArray:
@@ -241,25 +205,9 @@ def _draws(lengths: tuple[int, ...], block: int, num_resamples: int, seed: int) 
     return np.concatenate(columns, axis=1)
 
 
-def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArray:
-    """Return the ends [2, K] of intervals that miss the truth in these fractions [K] of cases.
-
-    They are relative to the mean; `off` holds sorted deviations of resamples.
-    """
-    tails, widening = _tails(degrees, misses)
-    places = np.stack([1 - tails, tails]) * (len(off) - 1)
-    return np.asarray(np.interp(places, np.arange(len(off)), off) * widening)
-
-
-@functools.lru_cache(maxsize=64)
-def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return upper quantiles [K], and the ratios of Student's t to the normal distribution."""
-    tails = 1 - np.array(misses) / 2
-    return tails, student_quantiles(degrees, tails) / _normal_quantiles(tails)
-
-
-def student_quantiles(degrees: int, tails: FloatArray) -> FloatArray:
-    """Return the quantiles [K] of Student's t at fractions [K] above 1/2.
+@functools.lru_cache(maxsize=1024)
+def student_quantile(degrees: int, fraction: float) -> float:
+    """Return the quantile of Student's t at a fraction above 1/2.
 
     It is sqrt(degrees) tan(angle), where the density of the angle is cos(angle)^(degrees - 1).
     Importing scipy.special would take longer than the rest of a table.
@@ -267,9 +215,9 @@ def student_quantiles(degrees: int, tails: FloatArray) -> FloatArray:
     angles_rad = np.linspace(0, np.pi / 2, 20001)
     middles_rad = (angles_rad[1:] + angles_rad[:-1]) / 2
     mass = np.concatenate([[0.0], np.cumsum(np.cos(middles_rad) ** (degrees - 1))])
-    angle_rad = np.interp(2 * tails - 1, mass / mass[-1], angles_rad)
-    return np.asarray(np.sqrt(degrees) * np.tan(angle_rad))
+    angle_rad = np.interp(2 * fraction - 1, mass / mass[-1], angles_rad)
+    return float(np.sqrt(degrees) * np.tan(angle_rad))
 
 
-def _normal_quantiles(fractions: FloatArray) -> FloatArray:
-    return np.array([statistics.NormalDist().inv_cdf(each) for each in fractions.tolist()])
+def _normal_quantile(fraction: float) -> float:
+    return statistics.NormalDist().inv_cdf(fraction)

@@ -6,8 +6,9 @@ from typing import Literal, Self
 
 import numpy as np
 
-from geovp_benchmarks.analysis import intervals, statistics
-from geovp_benchmarks.results.score_names import Bounds
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.intervals import BlockBootstrap, sequences_of
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import FloatArray
 
@@ -43,8 +44,8 @@ class Score:
         cls, values: FloatArray, clips: Sequence[str], bounds: Bounds, level: float = 0.95
     ) -> Self:
         """Return the mean of values [N]; NaN is left out."""
-        sequences = intervals.sequences_of(clips)
-        interval = intervals.interval(values, sequences, level, bounds=bounds)
+        sequences = sequences_of(tuple(clips))
+        interval = BlockBootstrap(level).interval(values, sequences, bounds)
         error, count = statistics.over_clips(values).error, int(np.isfinite(values).sum())
         ends = interval.low, interval.high
         return cls(interval.mean, *ends, float(error), count, interval.effective, values)
@@ -155,6 +156,8 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
         return True
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
-    sequences = intervals.sequences_of(clips)
-    gaps = (intervals.interval(rival.values - score.values, sequences) for rival in better)
-    return any(gap.p_zero * len(better) < 0.05 for gap in gaps)
+    gaps = (
+        Score.of(sign * (rival.values - score.values), clips, UNBOUNDED, 1 - 0.05 / len(better))
+        for rival in better
+    )
+    return any(gap.low > 0 for gap in gaps)

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.text import Text
 
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.analysis import intervals
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.plot import length_in
 from geovp_benchmarks.plots import Options, Page, clips, horizon, style
 from geovp_benchmarks.results.store import Results
@@ -97,7 +97,7 @@ class TestHorizon:
         np.testing.assert_allclose(lines(page)[0], 21.0 - np.arange(1, 7))
         bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
         (_, low), (_, high) = bars[0]
-        expected = intervals.interval(np.array([17.0, 18.0, 19.0]), np.array(["a", "", ""]))
+        expected = BlockBootstrap().interval(np.array([17.0, 18.0, 19.0]), np.array([1, 0, 0]))
         np.testing.assert_allclose([low, high], [expected.low, expected.high])
         assert expected.low < 18 - 1 / np.sqrt(3)  # wider than one standard error
         bars = [bar for bar in bars if len(bar)]
