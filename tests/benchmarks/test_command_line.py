@@ -200,8 +200,6 @@ def completions(line: str, folder: Path) -> list[str]:
     ("line", "offered"),
     [
         ("geovp rep", {"report", "reproduce"}),
-        ("geovp run dem", {"demo"}),
-        ("geovp list depth-f", {"depth-fusion"}),
         ("geovp table x --spread ", {"interval", "standard-error"}),
     ],
 )

@@ -14,6 +14,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import metadata
 from types import ModuleType
 from typing import Any
 
@@ -42,17 +43,6 @@ COMMANDS = (
 )
 
 
-class PrintVersion(argparse.Action):
-    """Option that prints the version; the metadata is read only if it is given."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        """Print the version and exit."""
-        from importlib import metadata
-
-        print(f"geovp {metadata.version('geovp')}")
-        parser.exit()
-
-
 def verbosity() -> argparse.ArgumentParser:
     """Return the parser of the options that may stand before or after any command."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
@@ -72,7 +62,8 @@ def command_line() -> argparse.ArgumentParser:
         epilog="Exit code: 0 everything done, 1 something failed or was skipped, 2 bad input.",
         parents=[verbosity()],
     )
-    parser.add_argument("--version", action=PrintVersion, nargs=0, help="Print the version.")
+    version = f"geovp {metadata.version('geovp')}"
+    parser.add_argument("--version", action="version", version=version, help="Print the version.")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in COMMANDS:
         add_command(commands, name, importlib.import_module(f"{__name__}.{name}"))

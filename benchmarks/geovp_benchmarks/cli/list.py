@@ -24,7 +24,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add, complete_with
+from geovp_benchmarks.cli.options import Lines, Progress, add
 from geovp_classic.errors import GeovpError, UnknownComponent
 
 
@@ -34,14 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Role such as renderers, name of a component, `matrices` or `protocols`. "
         "Default: all roles."
     )
-    complete_with(add(parser, "name", "ROLE|NAME|matrices|protocols", text, nargs="?"), words)
-
-
-def words() -> list[str]:
-    """Return the words that the argument may be; nothing is imported."""
-    groups = [group for group in metadata.entry_points().groups if group.startswith("geovp.")]
-    names = [entry.name for group in groups for entry in metadata.entry_points(group=group)]
-    return ["matrices", "protocols", *(group.removeprefix("geovp.") for group in groups), *names]
+    add(parser, "name", "ROLE|NAME|matrices|protocols", text, nargs="?")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:
@@ -67,7 +60,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
         return
     roles = [role for role in registry.ROLES if args.name in registry.names(role)]
     if not roles:
-        nearest = registry.nearest(args.name, words())
+        names = [name for role in registry.ROLES for name in (role, *registry.names(role))]
+        nearest = registry.nearest(args.name, ["matrices", "protocols", *names])
         raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
     yield "\n\n".join(as_toml(role, args.name) for role in roles)
 

@@ -3,11 +3,11 @@
 import argparse
 import math
 import tomllib
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import CONFIGS, DEVICE
+from geovp_benchmarks.matrix import DEVICE
 from geovp_benchmarks.progress import Progress as Progress
 
 Lines = Iterator[str]  # to print
@@ -53,7 +53,7 @@ def add(
     default: Any = None,
     action: str = "store",
     **more: Any,
-) -> argparse.Action:
+) -> None:
     """Add an argument whose type follows from its metavar; METHOD... takes several values."""
     if metavar.endswith("..."):
         metavar, default, more = metavar.removesuffix("..."), (), {"nargs": "+"}
@@ -71,9 +71,7 @@ def add(
         "X": float,
     }
     more = {"type": types.get(metavar, str), **more}
-    return parser.add_argument(
-        name, metavar=metavar, help=text, default=default, action=action, **more
-    )
+    parser.add_argument(name, metavar=metavar, help=text, default=default, action=action, **more)
 
 
 def add_flag(parser: argparse._ActionsContainer, name: str, text: str, **more: Any) -> None:
@@ -91,14 +89,7 @@ def add_group(parser: argparse.ArgumentParser, title: str, *names: str) -> argpa
 def add_shared(parser: argparse._ActionsContainer, *names: str) -> None:
     """Add arguments that several commands share."""
     for name in names:
-        action = add(parser, name, *SHARED[name])
-        if name == "matrix":
-            complete_with(action, lambda: [path.stem for path in CONFIGS.glob("*.toml")])
-
-
-def complete_with(argument: argparse.Action, words: Callable[[], Iterable[str]]) -> None:
-    """Offer words where the shell completes an argument."""
-    vars(argument)["completer"] = lambda **_: words()
+        add(parser, name, *SHARED[name])
 
 
 def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
