@@ -206,22 +206,3 @@ def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(
         "unavailable",
         "3.000 ± 0.000",
     ]
-
-
-def test_best_of_k_has_a_table_per_metric(sampled: Results) -> None:
-    tables_by_name = {
-        table.name: formats.markdown(table).splitlines() for table in tables.build(sampled)
-    }
-    assert list(tables_by_name) == ["scores", "samples-psnr", "samples-translation-error"]
-    psnr, metres = tables_by_name["samples-psnr"], tables_by_name["samples-translation-error"]
-    assert row_of(psnr, "method")[2:] == [
-        "best of 1 (dB) ↑",
-        "best of 2 (dB) ↑",
-        "best of 3 (dB) ↑",
-    ]
-    # Pairs of 10, 13, 11: (13 + 11 + 13) / 3 = 12.33; of 4, 3, 1: (3 + 1 + 1) / 3 = 1.667.
-    for text, means in ((psnr, ["11.33", "12.33", "13.00"]), (metres, ["2.667", "1.667", "1.000"])):
-        assert [
-            entry.strip("*").split()[0].strip("*") for entry in row_of(text, "chance")[2:]
-        ] == means
-    assert not any(line.startswith("| still") for line in psnr)

@@ -3,11 +3,7 @@
 A clip is one observation: its steps and samples depend on each other, so they never count as more.
 """
 
-import functools
-import math
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,15 +12,6 @@ from geovp_classic.types import FloatArray
 
 # (values [N, S, F], higher_is_better) -> values of one sample per clip [N, F]
 Reduction = Callable[[FloatArray, bool | None], FloatArray]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Means over clips with their standard errors; scalars, or arrays over steps."""
-
-    mean: FloatArray
-    error: FloatArray  # NaN for fewer than two clips
-    count: FloatArray  # clips that have a value
 
 
 def mean_of_samples(values: FloatArray, higher_is_better: bool | None = None) -> FloatArray:
@@ -67,42 +54,12 @@ def best_by(judge: FloatArray, judge_higher_is_better: bool) -> Reduction:
     return reduce
 
 
-def expected_best(values: FloatArray, higher_is_better: bool) -> FloatArray:
-    """Return the expected best score of k samples [N, S], k = 1..S, of values [N, S, F].
-
-    Samples are scored by their mean over steps; NaN for more samples than have a value. The mean
-    is over all sets of k among the S: unbiased for every k, and for k = S the best of all. Of
-    scores sorted so that the best comes last, the i-th is the best of C(i - 1, k - 1) sets out of
-    C(S, k).
-    """
-    scores = nanmean(values, axis=2)
-    curves = np.full(scores.shape, np.nan)
-    for curve, row in zip(curves, scores, strict=True):
-        ascending = np.sort(row[~np.isnan(row)])
-        ordered = ascending if higher_is_better else ascending[::-1]
-        curve[: len(ordered)] = _fractions(len(ordered)) @ ordered
-    return curves
-
-
 def over_steps(values: FloatArray) -> FloatArray:
     """Return the mean over steps [N] of values [N, F]; NaN where no step has one."""
     return nanmean(values, axis=1)
 
 
-def over_clips(values: FloatArray) -> Estimate:
-    """Return the mean and standard error over the first axis, of values [N] or [N, F].
-
-    NaN is left out and not counted.
-    """
-    count = np.sum(~np.isnan(values), axis=0)
-    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        error = np.nanstd(values, axis=0, ddof=1) / np.sqrt(count)
-    return Estimate(nanmean(values, axis=0), error, count)
-
-
-@functools.lru_cache(maxsize=8)
-def _fractions(count: int) -> FloatArray:
-    """Return the fraction of the sets of k whose best is the i-th smallest [k, i]."""
-    numbers = range(1, count + 1)
-    rows = [[math.comb(i - 1, k - 1) / math.comb(count, k) for i in numbers] for k in numbers]
-    return np.array(rows).reshape(count, count)
+def standard_error(values: FloatArray) -> float:
+    """Return the standard error of the mean of values [N] without NaN; NaN for fewer than two."""
+    finite = values[np.isfinite(values)]
+    return float(finite.std(ddof=1) / np.sqrt(len(finite))) if len(finite) > 1 else float("nan")

@@ -14,6 +14,7 @@ from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import facts_of
 from geovp_benchmarks.tables.table_model import Score
@@ -33,7 +34,7 @@ class Curve:
     @property
     def mean(self) -> FloatArray:
         """Return the means over clips [F]."""
-        return statistics.over_clips(self.values).mean
+        return nanmean(self.values, axis=0)
 
     def equals(self, other: "Curve") -> bool:
         """Return whether two lines would hide each other."""

@@ -7,8 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots.style import Options
+from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method, Results, Scores
 from geovp_benchmarks.results.stored_facts import marks
 from geovp_classic.types import FloatArray, Prediction
@@ -51,9 +51,10 @@ class Material:
 
         def error(method: Method) -> float:
             for metric, facts in self.frame_metrics.items():
-                mean = statistics.over_clips(self.values(method, metric).ravel()).mean
-                signed = -mean if facts["higher_is_better"] else mean
-                return float(np.nan_to_num(signed, nan=np.inf))
+                mean = float(nanmean(self.values(method, metric).ravel(), axis=0))
+                return float(
+                    np.nan_to_num(-mean if facts["higher_is_better"] else mean, nan=np.inf)
+                )
             return 0.0
 
         ranked = sorted(self.methods, key=error)

@@ -22,25 +22,21 @@ def method_scores(
     """
     protocol, stored = contents.protocol, contents.scores[method.name]
     clips, means = protocol["clips"], stored.means()
-    columns = {key: (key, values) for key, values in means.items()}
+    columns = dict(means)
     for num_steps in horizons:
         first = stored.means(num_steps)
-        columns |= {f"{key} t+{num_steps}": (key, values) for key, values in first.items()}
+        columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
     failed = np.isin(clips, [*contents.failures[method.name]]) & strict
-    for _, values in columns.values():
+    for values in columns.values():
         values[failed] = np.nan
     lines = []
     for suffix, reduce in _reductions(means, protocol).items():
         scores = {}
-        for name, (key, values) in columns.items():
+        for key, values in columns.items():
             facts = stored_facts.facts_of(key, protocol)
-            direction, bounds = facts.get("higher_is_better"), stored_facts.bounds(facts)
-            reduced = {name: reduce(values[..., None], direction)[:, 0]}
-            if reduce is statistics.best_of_samples and name == key and direction is not None:
-                reduced |= _expected_best(values, key, direction)
-            for column, by_clip in reduced.items():
-                if np.isfinite(by_clip).any():
-                    scores[column] = Score.of(by_clip, clips, bounds)
+            by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
+            if np.isfinite(by_clip).any():
+                scores[key] = Score.of(by_clip, clips, stored_facts.bounds(facts))
         lines.append(
             MethodScores(
                 method.label + suffix,
@@ -52,14 +48,6 @@ def method_scores(
             )
         )
     return lines
-
-
-def _expected_best(means: FloatArray, key: str, direction: bool) -> dict[str, FloatArray]:
-    """Return the expected best of k samples [N] by column, such as "psnr of 5"."""
-    curve = statistics.expected_best(means[..., None], direction)
-    num_samples = curve.shape[1]
-    counts = sorted({1, 2, 5, 10, 20, 50, num_samples})
-    return {f"{key} of {k}": curve[:, k - 1] for k in counts if k <= num_samples}
 
 
 def _reductions(

@@ -17,9 +17,9 @@ Spread = Literal["interval", "standard-error"]
 
 @dataclass(frozen=True)
 class Column:
-    """One metric over one set of pixels, number of samples or horizon."""
+    """One metric over one set of pixels or horizon."""
 
-    key: str  # "psnr", "psnr@covered", "psnr of 5"
+    key: str  # "psnr", "psnr@covered", "psnr t+5"
     heading: str
     higher_is_better: bool | None  # None: neither, so that no value is in bold
     decimals: int
@@ -46,9 +46,9 @@ class Score:
         """Return the mean of values [N]; NaN is left out."""
         sequences = sequences_of(tuple(clips))
         interval = BlockBootstrap(level).interval(values, sequences, bounds)
-        error, count = statistics.over_clips(values).error, int(np.isfinite(values).sum())
+        error, count = statistics.standard_error(values), int(np.isfinite(values).sum())
         ends = interval.low, interval.high
-        return cls(interval.mean, *ends, float(error), count, interval.effective, values)
+        return cls(interval.mean, *ends, error, count, interval.effective, values)
 
     @property
     def is_exact(self) -> bool:

@@ -30,7 +30,7 @@ def build(
     strict: bool = False,
     metrics: Sequence[str] = (),
 ) -> list[Table]:
-    """Return the main table (whole frames and poses), then those over sets of pixels and samples.
+    """Return the main table (whole frames and poses), then those over sets of pixels.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. With named columns there is only one table. Methods compete among those selected.
@@ -112,7 +112,7 @@ def _main_table(contents: Contents, metrics: Sequence[str], strict: bool) -> Tab
 
 
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
-    """Return tables over sets of pixels, and of the best of k samples, for each metric."""
+    """Return a table over sets of pixels for each metric that has such scores."""
     keys, tables = _keys(main.methods), []
     for name in (column.key for column in main.columns):
         pixels = {
@@ -123,13 +123,8 @@ def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
             if COVERAGE in keys:
                 headings[COVERAGE] = title(COVERAGE)
             heading = f"{title(name)} over sets of pixels"
-            tables.append((f"pixels-{name}", heading, headings, main.methods))
-        samples = {key: key.replace(name, "best") for key in keys if key.startswith(f"{name} of ")}
-        if samples:
-            heading = f"{title(name)} of the best of k samples, on average over all sets of k"
-            methods = [method for method in main.methods if f"{name} of 1" in method.scores]
-            tables.append((f"samples-{name}", heading, samples, methods))
-    return [table_of(*parts, protocol) for parts in tables]
+            tables.append(table_of(f"pixels-{name}", heading, headings, main.methods, protocol))
+    return tables
 
 
 def _keys(methods: Sequence[MethodScores]) -> list[str]:
