@@ -16,7 +16,7 @@ from studies._figures import panels
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and the figure."""
     add_shared(parser, "matrix", "--method", "--root", "--limit", "--set")
-    add(parser, "figure", "FIGURE", "File of the figure: png, pdf or svg.")
+    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -21,7 +21,6 @@ from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.streaming import Command, LivePredictor
@@ -59,17 +58,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     default = ("03[0:180)", "raw0095")  # train and val
     text = f"Sequences or stretches of them. Default: {' '.join(default)}."
     add(parser, "frames", "FRAMES", text, default, nargs="*")
-    add(parser, "--num-frames", "N", "Frames of a drive. Default: 90.", 90)
+    add(parser, "--num-frames", "N", "Frames of a drive, at least 39. Default: 90.", 90)
     add(parser, "--every", "N", "Frames between two scored ones. Default: 5.", 5)
     names = ("psnr", "ssim", "lpips")
     add(parser, "--metrics", "NAME", "Default: psnr ssim lpips.", names, nargs="+")
-    add(parser, "--plot", "FIGURE", "File for curves: png, pdf or svg.")
+    add(parser, "--plot", "FILE", "File for curves: png, pdf or svg.")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Yield tables over the latency and over faults of the channel; draw the first metric."""
-    if args.num_frames < NUM_WARM_UP + LATENCY_FRAMES[-1] + 2:
-        raise BadData(f"--num-frames is {args.num_frames}, expected 39 or more")
     spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
     dataset = registry.build("datasets", spec)
@@ -111,7 +108,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     ]
     yield from grid([["channel at 0.5 s", *metrics], *rows])
     if args.plot is not None:
-        draw(Path(args.plot), values[:, :, 0].mean(axis=0), next(iter(metrics)))
+        draw(args.plot, values[:, :, 0].mean(axis=0), next(iter(metrics)))
 
 
 def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterator[str]:

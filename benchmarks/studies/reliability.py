@@ -17,7 +17,7 @@ from studies._figures import panels
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the pose files and the figure."""
     add(parser, "poses", "FOLDER", "Folder of NN.txt and NN_times.txt.")
-    add(parser, "figure", "FIGURE", "File of the figure: png, pdf or svg.")
+    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.")
     add(parser, "--stride", "N", "Frames between the starts of two windows. Default: 10.", 10)
 
 

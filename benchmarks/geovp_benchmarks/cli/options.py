@@ -60,7 +60,6 @@ def add(
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
-        "FIGURE": figure_file,
         "FILE": Path,
         "FOLDER": Path,
         "MATRIX": Path,
@@ -104,17 +103,6 @@ def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str
         return value
 
     return number
-
-
-def figure_file(text: str) -> Path:
-    """Return the path of a figure; raise ArgumentTypeError if it cannot be written."""
-    path = Path(text)
-    endings = (".png", ".pdf", ".svg")
-    if path.suffix not in endings or not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a file {', '.join(endings)} in a folder that exists"
-        )
-    return path
 
 
 def device(text: str) -> str:

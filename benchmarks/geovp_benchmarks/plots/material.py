@@ -51,10 +51,9 @@ class Material:
 
         def error(method: Method) -> float:
             for metric, facts in self.frame_metrics.items():
-                mean = float(nanmean(self.values(method, metric).ravel(), axis=0))
-                return float(
-                    np.nan_to_num(-mean if facts["higher_is_better"] else mean, nan=np.inf)
-                )
+                sign = -1 if facts["higher_is_better"] else 1
+                mean = nanmean(self.values(method, metric).ravel(), axis=0)
+                return float(np.nan_to_num(sign * mean, nan=np.inf))
             return 0.0
 
         ranked = sorted(self.methods, key=error)
