@@ -26,7 +26,9 @@ def best_of_samples(values: FloatArray, higher_is_better: bool | None) -> FloatA
     """
     if higher_is_better is None:
         return mean_of_samples(values)
-    return best_by(values, higher_is_better)(values, higher_is_better)
+    scores = nanmean(values, axis=2) * (1 if higher_is_better else -1)
+    best = np.nan_to_num(scores, nan=-np.inf).argmax(axis=1)
+    return values[np.arange(len(values)), best]
 
 
 def reductions(num_samples: int) -> dict[str, Reduction]:
@@ -37,21 +39,6 @@ def reductions(num_samples: int) -> dict[str, Reduction]:
         f", mean of {num_samples}": mean_of_samples,
         f", best of {num_samples}": best_of_samples,
     }
-
-
-def best_by(judge: FloatArray, judge_higher_is_better: bool) -> Reduction:
-    """Return the reduction to the sample that is best in the judge's values, for every metric."""
-    sign = 1.0 if judge_higher_is_better else -1.0
-    scores = np.nan_to_num(sign * nanmean(judge, axis=2), nan=-np.inf)
-    best = scores.argmax(axis=1)
-    is_known = scores.max(axis=1) > -np.inf
-
-    def reduce(values: FloatArray, higher_is_better: bool | None) -> FloatArray:
-        is_defined = is_known & (best < values.shape[1])
-        selected = values[np.arange(len(values)), np.where(is_defined, best, 0)]
-        return np.where(is_defined[:, None], selected, np.nan)
-
-    return reduce
 
 
 def over_steps(values: FloatArray) -> FloatArray:

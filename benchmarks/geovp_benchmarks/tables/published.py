@@ -74,7 +74,7 @@ def _measured(
     methods.sort(key=lambda method: places.get(method.label, len(places)))
     measured = []
     for method in methods:
-        scores = method_scores(contents, method, horizons=horizons)[:2][-1]
+        scores = method_scores(contents, method, horizons=horizons)[-1]
         name = names.get(method.label, scores.label)
         label = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
         measured.append(replace(scores, label=label, is_oracle_selected=False))

@@ -1,7 +1,6 @@
 """The scores of a method by column, from the means of its clips and samples."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,7 +8,6 @@ from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Contents, Method
 from geovp_benchmarks.tables.table_model import MethodScores, Score
-from geovp_classic.types import FloatArray
 
 
 def method_scores(
@@ -21,8 +19,7 @@ def method_scores(
     column of means over the first steps, such as "psnr t+5".
     """
     protocol, stored = contents.protocol, contents.scores[method.name]
-    clips, means = protocol["clips"], stored.means()
-    columns = dict(means)
+    clips, columns = protocol["clips"], stored.means()
     for num_steps in horizons:
         first = stored.means(num_steps)
         columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
@@ -30,7 +27,8 @@ def method_scores(
     for values in columns.values():
         values[failed] = np.nan
     lines = []
-    for suffix, reduce in _reductions(means, protocol).items():
+    num_samples = max((values.shape[1] for values in columns.values()), default=1)
+    for suffix, reduce in statistics.reductions(num_samples).items():
         scores = {}
         for key, values in columns.items():
             facts = stored_facts.facts_of(key, protocol)
@@ -48,17 +46,3 @@ def method_scores(
             )
         )
     return lines
-
-
-def _reductions(
-    means: Mapping[str, FloatArray], protocol: Mapping[str, Any]
-) -> dict[str, statistics.Reduction]:
-    """Return the reductions over samples, by the suffix of the method's name."""
-    num_samples = max((values.shape[1] for values in means.values()), default=1)
-    reductions = statistics.reductions(num_samples)
-    for key, facts in protocol["metrics"].items():
-        if num_samples > 1 and key in means and facts.get("higher_is_better") is not None:
-            name = f", best of {num_samples} by {stored_facts.title(key)}"
-            judge = means[key][..., None]
-            return {**reductions, name: statistics.best_by(judge, facts["higher_is_better"])}
-    return reductions

@@ -173,7 +173,7 @@ def explained(table: Table, protocol: Mapping[str, Any], notes: Sequence[str]) -
         before.append(
             "Oracle-selected: the best sample is selected with the real future, which is "
             "unavailable at prediction time, so such methods compete only with each other. "
-            "'best of N' selects per metric, as in the papers; 'by' a metric, for all columns."
+            "'best of N' selects per metric, as in the papers."
         )
     for name, facts in protocol["metrics"].items():
         about = facts["unavailable"] or facts.get("definition")
