@@ -53,7 +53,7 @@ def test_rows_and_columns_stand_in_the_order_asked_for(results: Results) -> None
 
 
 def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
-    assert len(tables.build(results.select(ODD))[0].methods) == 3
+    assert len(tables.build(results.select(ODD))[0].methods) == 2
 
 
 def test_differences_of_chosen_rows(results: Results) -> None:

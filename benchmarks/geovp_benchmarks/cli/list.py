@@ -140,6 +140,8 @@ def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
 
     `settings` is an instance, or None for the defaults.
     """
+    from geovp_classic import registry
+
     sources = "".join(inspect.getsource(parent) for parent in reversed(kind.__mro__[:-1]))
     comments = dict(re.findall(r"^    (\w+): .*?(  # .+)$", sources, re.MULTILINE))
     lines, tables = [], []
@@ -155,21 +157,13 @@ def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
             path = f"{heading}.{field.name}".removeprefix(".")
             title = f"[[{path}]]" if values is value else f"[{path}]"
             for nested in values:
-                tables += ["", f"{title}{comment}", *registered_name(nested)]
+                tables += ["", f"{title}{comment}"]
+                with suppress(UnknownComponent):  # other settings have no name
+                    tables.append(f'name = "{registry.name_of(nested)}"')
                 tables += table_lines(type(nested), nested, path)
         else:
             lines.append(f"{field.name} = {toml_value(value)}{comment}")
     return lines + tables
-
-
-def registered_name(component: Any) -> list[str]:
-    """Return the line with the name of a component; nothing for other settings."""
-    from geovp_classic import registry
-
-    try:
-        return [f'name = "{registry.name_of(component)}"']
-    except UnknownComponent:
-        return []
 
 
 def toml_value(value: Any) -> str:

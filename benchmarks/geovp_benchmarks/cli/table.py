@@ -77,26 +77,18 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
     """Return the selected tables of a data set; without a selection, write all of them."""
+    from geovp_benchmarks.analysis import strata
     from geovp_benchmarks.tables import formats, tables
 
     if args.paper is not None:
         from geovp_benchmarks.tables import published
 
         return published.build(results, args.paper)
-    groups = [results]
-    if args.by is not None:
-        from geovp_benchmarks.analysis import strata
-
-        groups = strata.divide(results, args.by)
+    groups = strata.divide(results, args.by) if args.by else [results]
+    options = {"strict": args.strict, "metrics": args.metrics}
     if args.against is not None:
-        return [
-            tables.against(group, args.against, strict=args.strict, metrics=args.metrics)
-            for group in groups
-        ]
-    built = [
-        tables.build(group, args.spread, strict=args.strict, metrics=args.metrics)
-        for group in groups
-    ]
+        return [tables.against(group, args.against, **options) for group in groups]
+    built = [tables.build(group, args.spread, **options) for group in groups]
     if args.by is not None:
         return [main for main, *_ in built]
     if not (args.methods or args.metrics or args.strict):

@@ -27,16 +27,13 @@ class Material:
     @classmethod
     def read(cls, results: Results, options: Options) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
-        contents = results.contents()
-        methods, reference = [each for each in contents.methods if each.num_clips], None
-        scores = contents.scores
+        labels = [method.label for method in results.methods() if method.num_clips]
         if options.against:
-            other = results.select(options.against).contents()
-            (reference,) = other.methods
-            if reference not in methods:
-                methods.append(reference)
-            scores = {**scores, **other.scores}
-        return cls(results, contents.protocol, methods, scores, reference)
+            labels.append(options.against)
+        contents = results.select(*dict.fromkeys(labels)).contents()
+        methods, label = contents.methods, options.against
+        reference = next((method for method in methods if method.label == label), None)
+        return cls(results, contents.protocol, methods, contents.scores, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
