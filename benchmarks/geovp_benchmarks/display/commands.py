@@ -1,7 +1,5 @@
 """Commanded motion: from a CSV file, or from the driver at the page."""
 
-import csv
-import io
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -14,7 +12,7 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.streaming import Command
 
-COLUMNS = ["time_s", "speed_m_s", "yaw_rate_rad_s"]
+HEADER = "time_s,speed_m_s,yaw_rate_rad_s"
 
 
 class Commands(Protocol):
@@ -33,19 +31,15 @@ class PlannedCommands:
     @classmethod
     def read(cls, path: Path) -> "PlannedCommands":
         """Read a CSV file; BadData if columns are missing, or times decrease."""
-        text = files.read_text(path, files.MIB)
-        header = ",".join(COLUMNS)
-        expected = f"the first line must be {header}, then three numbers a line in increasing time"
+        first, *lines = files.read_text(path, files.MIB).splitlines() or [""]
+        expected = f"the first line must be {HEADER}, then three numbers a line in increasing time"
         with files.checked(f"{path} is not a file of commands", expected):
-            first, *lines = csv.reader(io.StringIO(text))
-            if first != COLUMNS:
-                raise ValueError(f"its first line is {','.join(first)}")
-            table = np.array([line for line in lines if line], float)
-            if table.ndim != 2 or table.shape[1] != len(COLUMNS):
-                raise ValueError("it has no line of three numbers")
+            if first != HEADER or not any(lines):
+                raise ValueError(f"its first line is {first!r}, before {len(lines)} others")
+            table = np.loadtxt(lines, delimiter=",", ndmin=2)
             if not np.isfinite(table).all() or (np.diff(table[:, 0]) < 0).any():
                 raise ValueError("a number is not finite, or times decrease")
-        return cls(tuple(Command(*row) for row in table.tolist()))
+            return cls(tuple(Command(*row) for row in table.tolist()))
 
     def at(self, now_s: float) -> Sequence[Command]:
         """Return all commands; later ones plan the path."""
