@@ -8,7 +8,7 @@ on a quiet machine. Times are CPU times of all threads, but for `live`. With an 
 import argparse
 from collections.abc import Sequence
 
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import add_options, option
 from performance import clip, libraries, live, splat
 
 SECTIONS = {
@@ -26,10 +26,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="PYTHONPATH=benchmarks python -m performance",
         description="Processing time of a clip, and of our code next to named rivals.",
     )
-    add(parser, "--only", "SECTION", "Section. Default: all.", choices=SECTIONS)
-    add(parser, "--rounds", "N", "Number of rounds after a warm-up. Default: 8.", 8)
-    text = "Root and sequence of KITTI odometry. Default: the synthetic street."
-    add(parser, "--kitti", "TEXT", text, nargs=2)
+    options = {
+        "--only SECTION": option("Section. Default: all.", choices=SECTIONS),
+        "--rounds N": option("Number of rounds after a warm-up. Default: 8.", 8),
+        "--kitti TEXT": option(
+            "Root and sequence of KITTI odometry. Default: the synthetic street.", nargs=2
+        ),
+    }
+    add_options(parser, options)
     args = parser.parse_args(arguments)
     for name in [args.only] if args.only else SECTIONS:
         print(f"## {name}\n\n```text", *SECTIONS[name](args), "```\n", sep="\n")

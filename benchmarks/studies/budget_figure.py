@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import Progress, add, add_shared
+from geovp_benchmarks.cli.options import Progress, add_options, shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.tables.formats import markdown
@@ -15,8 +15,8 @@ from studies._figures import panels
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and the figure."""
-    add_shared(parser, "matrix", "--method", "--root", "--limit", "--set")
-    add(parser, "figure", "FILE", "File of the figure: png, pdf or svg.")
+    add_options(parser, shared("matrix", "--method", "--root", "--limit", "--set"))
+    add_options(parser, {"figure FILE": "File of the figure: png, pdf or svg."})
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

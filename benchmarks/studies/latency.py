@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import add_options, option
 from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
@@ -54,15 +54,21 @@ class CommandErrors:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the drives, the metrics and the figure."""
-    add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
-    default = ("03[0:180)", "raw0095")  # train and val
-    text = f"Sequences or stretches of them. Default: {' '.join(default)}."
-    add(parser, "frames", "FRAMES", text, default, nargs="*")
-    add(parser, "--num-frames", "N", "Frames of a drive, at least 39. Default: 90.", 90)
-    add(parser, "--every", "N", "Frames between two scored ones. Default: 5.", 5)
-    names = ("psnr", "ssim", "lpips")
-    add(parser, "--metrics", "NAME", "Default: psnr ssim lpips.", names, nargs="+")
-    add(parser, "--plot", "FILE", "File for curves: png, pdf or svg.")
+    stretches = ("03[0:180)", "raw0095")  # train and val
+    metrics = ("psnr", "ssim", "lpips")
+    options = {
+        "root FOLDER": "Folder laid out as KITTI odometry.",
+        "frames FRAMES": option(
+            f"Sequences or stretches of them. Default: {' '.join(stretches)}.",
+            stretches,
+            nargs="*",
+        ),
+        "--num-frames N": option("Frames of a drive, at least 39. Default: 90.", 90),
+        "--every N": option("Frames between two scored ones. Default: 5.", 5),
+        "--metrics NAME": option("Default: psnr ssim lpips.", metrics, nargs="+"),
+        "--plot FILE": "File for curves: png, pdf or svg.",
+    }
+    add_options(parser, options)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -11,16 +11,19 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_flag, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the method, the clips and what is replaced."""
-    add_shared(parser, "matrix")
-    add_group(parser, "method and clips", "--method", "--root", "--limit", "--set")
-    group = add_group(parser, "budget")
-    add_flag(group, "--stereo", "Use the depth of right images where no depth is recorded.")
-    add_flag(group, "--sensitivity", "Print the changes by constant offsets of the true poses.")
+    add_options(parser, shared("matrix"))
+    clips = shared("--method", "--root", "--limit", "--set")
+    add_options(parser, clips, "method and clips")
+    budget = {
+        "--stereo": "Use the depth of right images where no depth is recorded.",
+        "--sensitivity": "Print the changes by constant offsets of the true poses.",
+    }
+    add_options(parser, budget, "budget")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

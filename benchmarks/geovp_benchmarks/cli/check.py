@@ -7,13 +7,16 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the component."""
-    add(parser, "role", "ROLE", "Role, such as renderers; see `geovp list`.")
-    add(parser, "component", "SPEC", "Name of a component, or its table as in TOML.")
+    component = {
+        "role ROLE": "Role, such as renderers; see `geovp list`.",
+        "component SPEC": "Name of a component, or its table as in TOML.",
+    }
+    add_options(parser, component)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

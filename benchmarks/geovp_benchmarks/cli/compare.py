@@ -10,13 +10,13 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import Lines, Progress, add
+from geovp_benchmarks.cli.options import Lines, Progress, add_options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add both sides."""
-    for name in "AB":
-        add(parser, name.lower(), name, "Results folder, or DIR:METHOD for one method.")
+    text = "Results folder, or DIR:METHOD for one method."
+    add_options(parser, {"a A": text, "b B": text})
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

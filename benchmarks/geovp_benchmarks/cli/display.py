@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group, at_least
+from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option
 from geovp_benchmarks.cli.predict import add_camera
 from geovp_benchmarks.progress import Progress, tracked
 
@@ -24,36 +24,54 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the input, the camera, the channel, the commands and the output."""
     text = "Video, folder of images, data set, bag, or the number of a camera."
-    add(parser, "path", "INPUT", text, type=Path)
-    group = add_group(parser, "input")
-    text = "Frame rate; required for a folder of images. Default: that of the video."
-    add(group, "--fps", "X", text, dest="rate_hz")
-    text = "Sequence of a data set or a part of it, such as 03[0:360). Default: the first."
-    add(group, "--sequence", "NAME", text)
-    text = "WIDTHxHEIGHT, or side of a square. Default: aspect of the images, at most 480 px."
-    add(group, "--size", "SIZE", text, dest="size_px")
+    add_options(parser, {"path INPUT": option(text, type=Path)})
+    images = {
+        "--fps X": option(
+            "Frame rate; required for a folder of images. Default: that of the video.",
+            dest="rate_hz",
+        ),
+        "--sequence NAME": (
+            "Sequence of a data set or a part of it, such as 03[0:360). Default: the first."
+        ),
+        "--size SIZE": option(
+            "WIDTHxHEIGHT, or side of a square. Default: aspect of the images, at most 480 px.",
+            dest="size_px",
+        ),
+    }
+    add_options(parser, images, "input")
     add_camera(parser)
-    group = add_group(parser, "simulated channel")
-    text = "Delay of each image in seconds, at most 10. Default: 0.5."
-    add(group, "--latency", "X", text, 0.5, dest="latency_s")
-    text = "Largest additional delay, uniformly distributed. Default: 0."
-    add(group, "--jitter", "X", text, 0.0, dest="jitter_s")
-    add(group, "--loss", "X", "Probability that an image is lost. Default: 0.", 0.0)
+    channel = {
+        "--latency X": option(
+            "Delay of each image in seconds, at most 10. Default: 0.5.", 0.5, dest="latency_s"
+        ),
+        "--jitter X": option(
+            "Largest additional delay, uniformly distributed. Default: 0.", 0.0, dest="jitter_s"
+        ),
+        "--loss X": option("Probability that an image is lost. Default: 0.", 0.0),
+    }
+    add_options(parser, channel, "simulated channel")
     group = parser.add_argument_group("motion", "By default, the motion is forecast.")
-    motion = group.add_mutually_exclusive_group()
-    text = "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s."
-    add(motion, "--commands", "FILE", text)
-    add_flag(motion, "--drive", "Set speed and yaw rate on the page.")
-    group = add_group(parser, "page")
-    text = "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1."
-    add(group, "--host", "ADDRESS", text, "127.0.0.1")
-    text = "Port; 0: any free one. Default: 8765."
-    add(group, "--port", "PORT", text, 8765, type=at_least(0))
-    text = "Secret part of the page's address, to keep it over restarts. Default: random."
-    add(group, "--token", "TEXT", text)
-    group = add_group(parser, "output")
-    add_flag(group, "--dim", "Dim inpainted pixels; the page can change it.")
-    add(group, "--out", "FILE", "Write an mp4 file, and serve no page.")
+    motion = {
+        "--commands FILE": "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s.",
+        "--drive": "Set speed and yaw rate on the page.",
+    }
+    add_options(group.add_mutually_exclusive_group(), motion)
+    page = {
+        "--host ADDRESS": option(
+            "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1.",
+            "127.0.0.1",
+        ),
+        "--port PORT": option("Port; 0: any free one. Default: 8765.", 8765, type=at_least(0)),
+        "--token TEXT": (
+            "Secret part of the page's address, to keep it over restarts. Default: random."
+        ),
+    }
+    add_options(parser, page, "page")
+    output = {
+        "--dim": "Dim inpainted pixels; the page can change it.",
+        "--out FILE": "Write an mp4 file, and serve no page.",
+    }
+    add_options(parser, output, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

@@ -10,16 +10,18 @@ Examples:
 import argparse
 import errno
 
-from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results and the file."""
-    add_shared(parser, "folder")
-    group = add_group(parser, "output")
+    add_options(parser, shared("folder"))
     formats = ("csv", "parquet")
-    add(group, "--format", "FORMAT", "csv or parquet. Default: csv.", "csv", choices=formats)
-    add(group, "--out", "FILE", "File for the table.", required=True)
+    output = {
+        "--format FORMAT": option("csv or parquet. Default: csv.", "csv", choices=formats),
+        "--out FILE": option("File for the table.", required=True),
+    }
+    add_options(parser, output, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

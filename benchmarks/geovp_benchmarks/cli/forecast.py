@@ -9,24 +9,27 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, add, add_group
+from geovp_benchmarks.cli.options import Lines, add_options, option
 from geovp_benchmarks.progress import Progress, announce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the windows and the forecasters."""
-    add(parser, "action", "evaluate", "Print errors and calibration.", choices=["evaluate"])
-    add(parser, "poses", "FOLDER", "Folder of pose files.")
-    group = add_group(parser, "windows")
+    where = {
+        "action evaluate": option("Print errors and calibration.", choices=["evaluate"]),
+        "poses FOLDER": "Folder of pose files.",
+    }
+    add_options(parser, where)
     test = ("03", "05", "06", "07", "10")
-    add(group, "--sequences", "NN", f"Sequences. Default: {' '.join(test)}.", test, nargs="+")
-    add(group, "--past", "N", "Number of observed poses. Default: 10.", 10)
-    add(group, "--future", "N", "Number of predicted poses. Default: 20.", 20)
-    text = "Number of frames between the starts of two windows. Default: 5."
-    add(group, "--stride", "N", text, 5)
-    group = add_group(parser, "output")
+    windows = {
+        "--sequences NN": option(f"Sequences. Default: {' '.join(test)}.", test, nargs="+"),
+        "--past N": option("Number of observed poses. Default: 10.", 10),
+        "--future N": option("Number of predicted poses. Default: 20.", 20),
+        "--stride N": option("Number of frames between the starts of two windows. Default: 5.", 5),
+    }
+    add_options(parser, windows, "windows")
     text = "Names or TOML tables of forecasters, see `geovp list forecasters`. Default: all."
-    add(group, "--methods", "SPEC...", text)
+    add_options(parser, {"--methods SPEC...": text}, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

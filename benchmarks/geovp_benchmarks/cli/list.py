@@ -24,7 +24,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, option
 from geovp_classic.errors import GeovpError, UnknownComponent
 
 
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Role such as renderers, name of a component, `matrices` or `protocols`. "
         "Default: all roles."
     )
-    add(parser, "name", "ROLE|NAME|matrices|protocols", text, nargs="?")
+    add_options(parser, {"name ROLE|NAME|matrices|protocols": option(text, nargs="?")})
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -3,7 +3,7 @@
 import argparse
 import math
 import tomllib
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,51 +12,56 @@ from geovp_benchmarks.progress import Progress as Progress
 
 Lines = Iterator[str]  # to print
 LinesAndCode = Generator[str, None, int]  # to print; returns the exit code
-SHARED: dict[str, tuple[Any, ...]] = {  # arguments of `add`
-    "matrix": ("MATRIX", "Matrix file, or name of a built-in matrix such as demo."),
-    "folder": ("DIR", "Results folder, written by `geovp run`."),
-    "--methods": ("METHOD...", "Methods, by their names in tables. Default: all."),
-    "--metrics": ("METRIC...", "Metrics, in this order. Default: all."),
-    "--by": (
-        "ATTRIBUTE",
-        "Group clips by turning, speed, step (length), seen (fraction) or moving. Default: none.",
+
+
+def option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
+    """Return the help and settings of an argument, as for `ArgumentParser.add_argument`."""
+    return {"help": text, "default": default, **settings}
+
+
+SHARED: dict[str, Any] = {
+    "matrix MATRIX": "Matrix file, or name of a built-in matrix such as demo.",
+    "folder DIR": "Results folder, written by `geovp run`.",
+    "--methods METHOD...": "Methods, by their names in tables. Default: all.",
+    "--metrics METRIC...": "Metrics, in this order. Default: all.",
+    "--by ATTRIBUTE": (
+        "Group clips by turning, speed, step (length), seen (fraction) or moving. Default: none."
     ),
-    "--against": ("METHOD", "Paired differences from this method. Default: means."),
-    "--method": ("METHOD", "Method of the matrix, such as 'vo+prior + fusion'. Default: the only."),
-    "--root": ("FOLDER", "Folder of the data set. Default: that of the matrix file or run."),
-    "--limit": ("N", "Number of clips, from the first on. Default: all."),
-    "--set": (
-        "KEY=VALUE",
+    "--against METHOD": "Paired differences from this method. Default: means.",
+    "--method METHOD": "Method of the matrix, such as 'vo+prior + fusion'. Default: the only.",
+    "--root FOLDER": "Folder of the data set. Default: that of the matrix file or run.",
+    "--limit N": "Number of clips, from the first on. Default: all.",
+    "--device DEVICE": "Device of networks: cpu, cuda, cuda:N or auto. Default: cpu.",
+    "--set KEY=VALUE": option(
         "Setting of the matrix file, such as protocol.stride=20. May be repeated.",
         [],
-        "append",
+        action="append",
     ),
-    "--keep": (
-        "CLIPS",
+    "--keep CLIPS": option(
         "Clips kept for figures: a number, all, or names with commas. Default: 4.",
         "4",
     ),
-    "--workers": (
-        "WORKERS",
-        "Number of processes, or address of a Dask scheduler. Default: 1.",
-        "1",
+    "--workers WORKERS": option(
+        "Number of processes, or address of a Dask scheduler. Default: 1.", "1"
     ),
-    "--device": ("DEVICE", "Device of networks: cpu, cuda, cuda:N or auto. Default: cpu."),
 }
 
 
-def add(
-    parser: argparse._ActionsContainer,
-    name: str,
-    metavar: str,
-    text: str,
-    default: Any = None,
-    action: str = "store",
-    **more: Any,
+def shared(*names: str) -> dict[str, Any]:
+    """Return arguments that several commands share."""
+    spellings = {spelling.partition(" ")[0]: spelling for spelling in SHARED}
+    return {spellings[name]: SHARED[spellings[name]] for name in names}
+
+
+def add_options(
+    parser: argparse._ActionsContainer, options: Mapping[str, Any], title: str = ""
 ) -> None:
-    """Add an argument whose type follows from its metavar; METHOD... takes several values."""
-    if metavar.endswith("..."):
-        metavar, default, more = metavar.removesuffix("..."), (), {"nargs": "+"}
+    """Add arguments, in a group if there is a title.
+
+    The key is the name with a metavar, from which the type follows; METHOD... takes several values,
+    and an option without a metavar none. The value is the help, or the result of `option`.
+    """
+    group = parser.add_argument_group(title) if title else parser
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
@@ -69,26 +74,17 @@ def add(
         "WORKERS": executor,
         "X": float,
     }
-    more = {"type": types.get(metavar, str), **more}
-    parser.add_argument(name, metavar=metavar, help=text, default=default, action=action, **more)
-
-
-def add_flag(parser: argparse._ActionsContainer, name: str, text: str, **more: Any) -> None:
-    """Add an option without a value."""
-    parser.add_argument(name, action="store_true", help=text, **more)
-
-
-def add_group(parser: argparse.ArgumentParser, title: str, *names: str) -> argparse._ArgumentGroup:
-    """Add a group with shared arguments, and return it."""
-    group = parser.add_argument_group(title)
-    add_shared(group, *names)
-    return group
-
-
-def add_shared(parser: argparse._ActionsContainer, *names: str) -> None:
-    """Add arguments that several commands share."""
-    for name in names:
-        add(parser, name, *SHARED[name])
+    for spelling, about in options.items():
+        name, _, metavar = spelling.partition(" ")
+        settings = option(about) if isinstance(about, str) else about
+        if metavar.endswith("..."):
+            metavar = metavar.removesuffix("...")
+            settings = {**settings, "default": (), "nargs": "+"}
+        if metavar:
+            settings = {"type": types.get(metavar, str), "metavar": metavar, **settings}
+        else:
+            settings = {**settings, "default": False, "action": "store_true"}
+        group.add_argument(name, **settings)
 
 
 def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:

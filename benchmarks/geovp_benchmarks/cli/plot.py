@@ -11,18 +11,22 @@ Examples:
 import argparse
 import re
 
-from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, what is shown of them, and the files."""
-    add_shared(parser, "folder")
-    add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
-    output = add_group(parser, "output")
+    add_options(parser, shared("folder"))
+    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
     formats = ("pdf", "svg", "png")
-    add(output, "--format", "FORMAT", "pdf, svg or png. Default: png and svg.", choices=formats)
-    text = "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles."
-    add(output, "--width", "LENGTH", text, type=length_in)
+    output = {
+        "--format FORMAT": option("pdf, svg or png. Default: png and svg.", choices=formats),
+        "--width LENGTH": option(
+            "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles.",
+            type=length_in,
+        ),
+    }
+    add_options(parser, output, "output")
 
 
 def length_in(text: str) -> float:

@@ -13,26 +13,33 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add, add_group, at_least
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, at_least, option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the frames, the odometry and the output."""
-    text = 'Folder of a data set, ROS bag, or its table as in TOML: {root = "...", camera = 0}.'
-    add(parser, "root", "SPEC", text)
-    text = "Sequences or parts of them, such as 03 or 03[0:360)."
-    add(parser, "frames", "FRAMES...", text)
-    group = add_group(parser, "odometry")
-    text = "Name or TOML table of a component, see `geovp list odometries`. Default: monocular."
-    add(group, "--odometry", "SPEC", text, "monocular")
-    text = (
-        "Print median errors of clips of N frames; odometries that work on clips only, such as "
-        "`recorded`, need it. Default: track whole sequences."
-    )
-    add(group, "--clips", "N", text, type=at_least(3))
-    group = add_group(parser, "output")
+    where = {
+        "root SPEC": (
+            'Folder of a data set, ROS bag, or its table as in TOML: {root = "...", camera = 0}.'
+        ),
+        "frames FRAMES...": "Sequences or parts of them, such as 03 or 03[0:360).",
+    }
+    add_options(parser, where)
+    odometry = {
+        "--odometry SPEC": option(
+            "Name or TOML table of a component, see `geovp list odometries`. Default: monocular.",
+            "monocular",
+        ),
+        "--clips N": option(
+            "Print median errors of clips of N frames; odometries that work on clips only, such as "
+            "`recorded`, need it. Default: track whole sequences.",
+            type=at_least(3),
+        ),
+    }
+    add_options(parser, odometry, "odometry")
     folder = Path("results/poses")
-    add(group, "--out", "DIR", f"Folder for the results. Default: {folder}.", folder)
+    output = {"--out DIR": option(f"Folder for the results. Default: {folder}.", folder)}
+    add_options(parser, output, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

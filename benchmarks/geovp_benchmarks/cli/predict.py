@@ -14,58 +14,77 @@ import sys
 from pathlib import Path
 
 from geovp_benchmarks.cli.messages import logger
-from geovp_benchmarks.cli.options import Lines, add, add_flag, add_group, add_shared, at_least
+from geovp_benchmarks.cli.options import Lines, add_options, at_least, option, shared
 from geovp_benchmarks.progress import Progress, announce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the input, the camera, the prediction and the output."""
-    add(parser, "path", "INPUT", "Video, folder of images, or ROS bag.", type=Path)
-    group = add_group(parser, "input")
-    text = "Image topic of a bag. Default: the only one."
-    add(group, "--topic", "NAME", text)
-    text = "Frame rate; required for a folder. Default: that of the video or bag."
-    add(group, "--fps", "X", text, dest="rate_hz")
-    text = "Number of the first observed frame. Default: the latest possible."
-    add(group, "--first", "NUMBER", text, type=int)
-    text = "Number of observed frames. Default: 10."
-    add(group, "--past", "N", text, 10, dest="num_past", type=at_least(2))
-    text = "Image that is nonzero where no scene is shown. Default: detected."
-    add(group, "--mask", "FILE", text)
-    add_flag(group, "--full", "Use uncropped frames. Default: their middle.", dest="with_full")
+    add_options(parser, {"path INPUT": option("Video, folder of images, or ROS bag.", type=Path)})
+    frames = {
+        "--topic NAME": "Image topic of a bag. Default: the only one.",
+        "--fps X": option(
+            "Frame rate; required for a folder. Default: that of the video or bag.", dest="rate_hz"
+        ),
+        "--first NUMBER": option(
+            "Number of the first observed frame. Default: the latest possible.", type=int
+        ),
+        "--past N": option(
+            "Number of observed frames. Default: 10.", 10, dest="num_past", type=at_least(2)
+        ),
+        "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
+        "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
+    }
+    add_options(parser, frames, "input")
     add_camera(parser)
-    group = add_group(parser, "prediction")
-    text = "Number of predicted frames. Default: 20."
-    add(group, "--future", "N", text, 20, dest="num_future")
-    text = "Number of sampled futures. Default: 1."
-    add(group, "--samples", "N", text, 1, dest="num_samples")
-    defaults = {"pose-source": "refined", "renderer": "depth-fusion", "predictor": "geometric"}
-    for role, name in defaults.items():
-        text = f"Name or TOML table of a {role}, see `geovp list`. Default: {name}."
-        add(group, f"--{role}", "SPEC", text)
-    add(group, "--matrix", "MATRIX", "Matrix of --method. Default: use the components above.")
-    add_shared(group, "--method", "--device")
-    group = add_group(parser, "output")
-    text = "WIDTHxHEIGHT, or side of a square. Default: aspect of the video, at most 640 px."
-    add(group, "--size", "SIZE", text, dest="size_px")
-    add(group, "--out", "DIR", "Folder for the results. Default: results/predict/NAME-FIRST.")
+    components = "Name or TOML table of a {}, see `geovp list`. Default: {}."
+    prediction = {
+        "--future N": option("Number of predicted frames. Default: 20.", 20, dest="num_future"),
+        "--samples N": option("Number of sampled futures. Default: 1.", 1, dest="num_samples"),
+        "--pose-source SPEC": components.format("pose-source", "refined"),
+        "--renderer SPEC": components.format("renderer", "depth-fusion"),
+        "--predictor SPEC": components.format("predictor", "geometric"),
+        "--matrix MATRIX": "Matrix of --method. Default: use the components above.",
+        **shared("--method", "--device"),
+    }
+    add_options(parser, prediction, "prediction")
+    output = {
+        "--size SIZE": option(
+            "WIDTHxHEIGHT, or side of a square. Default: aspect of the video, at most 640 px.",
+            dest="size_px",
+        ),
+        "--out DIR": "Folder for the results. Default: results/predict/NAME-FIRST.",
+    }
+    add_options(parser, output, "output")
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add the intrinsics and the height of the camera."""
     text = "Give at most one of --intrinsics, --fov and --calibration."
     group = parser.add_argument_group("camera", text)
-    source = group.add_mutually_exclusive_group()
-    text = "FX FY CX CY in pixels of the stored images. Default: estimated from the motion."
-    add(source, "--intrinsics", "X", text, nargs=4)
-    text = "Horizontal field of view in degrees. Default: estimated from the motion."
-    add(source, "--fov", "X", text, dest="fov_deg", type=at_least(1, float))
-    text = "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file."
-    add(source, "--calibration", "FILE", text)
-    text = "OpenCV coefficients k1 k2 [p1 p2 [k3 [k4 k5 k6]]]. Default: no distortion."
-    add(group, "--distortion", "X", text, nargs="+")
-    text = "Height above the road in metres, for metric results. Default: unknown."
-    add(group, "--camera-height", "X", text, dest="camera_height_m")
+    source = {
+        "--intrinsics X": option(
+            "FX FY CX CY in pixels of the stored images. Default: estimated from the motion.",
+            nargs=4,
+        ),
+        "--fov X": option(
+            "Horizontal field of view in degrees. Default: estimated from the motion.",
+            dest="fov_deg",
+            type=at_least(1, float),
+        ),
+        "--calibration FILE": "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file.",
+    }
+    add_options(group.add_mutually_exclusive_group(), source)
+    mounting = {
+        "--distortion X": option(
+            "OpenCV coefficients k1 k2 [p1 p2 [k3 [k4 k5 k6]]]. Default: no distortion.", nargs="+"
+        ),
+        "--camera-height X": option(
+            "Height above the road in metres, for metric results. Default: unknown.",
+            dest="camera_height_m",
+        ),
+    }
+    add_options(group, mounting)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -8,13 +8,13 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results and what is shown of them."""
-    add_shared(parser, "folder")
-    add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
+    add_options(parser, shared("folder"))
+    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

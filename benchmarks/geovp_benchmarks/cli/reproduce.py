@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the protocol, and what of it is computed."""
-    add(parser, "name", "NAME", "Protocol, such as fvs20; see `geovp list protocols`.")
-    group = add_group(parser, "protocol", "--root", "--limit", "--methods", "--set")
-    text = "Largest number of sampled futures. Default: that of the protocol."
-    add(group, "--samples", "N", text)
-    add_group(parser, "execution", "--workers", "--device")
-    group = add_group(parser, "output")
-    add(group, "--out", "DIR", "Folder for the results. Default: results/NAME.")
-    add_shared(group, "--keep")
+    add_options(parser, {"name NAME": "Protocol, such as fvs20; see `geovp list protocols`."})
+    protocol = {
+        **shared("--root", "--limit", "--methods", "--set"),
+        "--samples N": "Largest number of sampled futures. Default: that of the protocol.",
+    }
+    add_options(parser, protocol, "protocol")
+    add_options(parser, shared("--workers", "--device"), "execution")
+    folder = {"--out DIR": "Folder for the results. Default: results/NAME."}
+    add_options(parser, folder | shared("--keep"), "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

@@ -9,18 +9,17 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add, add_group, add_shared
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options, shared
 from geovp_classic.errors import BadData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, the metrics and the output."""
-    add_shared(parser, "folder")
-    group = add_group(parser, "metrics")
-    add(group, "--matrix", "MATRIX", "Matrix with the metrics. Default: those of the results.")
-    add_shared(group, "--device")
-    group = add_group(parser, "output")
-    add(group, "--out", "DIR", "Folder for the results. Default: DIR-rescored.")
+    add_options(parser, shared("folder"))
+    matrix = {"--matrix MATRIX": "Matrix with the metrics. Default: those of the results."}
+    add_options(parser, matrix | shared("--device"), "metrics")
+    folder = {"--out DIR": "Folder for the results. Default: DIR-rescored."}
+    add_options(parser, folder, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

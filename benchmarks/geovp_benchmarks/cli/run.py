@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import LinesAndCode, add, add_flag, add_group, add_shared
+from geovp_benchmarks.cli.options import LinesAndCode, add_options, shared
 from geovp_benchmarks.progress import Progress, announce
 
 if TYPE_CHECKING:
@@ -27,14 +27,20 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the matrix, its changes, and how it is computed."""
-    add_shared(parser, "matrix")
-    add_group(parser, "matrix", "--root", "--limit", "--methods", "--set")
-    group = add_group(parser, "execution", "--workers", "--device")
-    add_flag(group, "--fresh", "Recompute results of other versions of the code.")
-    add_flag(group, "--dry-run", "Print what would be computed, with time and size, only.")
-    group = add_group(parser, "output", "--keep")
-    add(group, "--out", "DIR", "Folder for the results. Default: results/MATRIX.")
-    add_flag(group, "--no-report", "Write no plots and no report.")
+    add_options(parser, shared("matrix"))
+    add_options(parser, shared("--root", "--limit", "--methods", "--set"), "matrix")
+    execution = {
+        **shared("--workers", "--device"),
+        "--fresh": "Recompute results of other versions of the code.",
+        "--dry-run": "Print what would be computed, with time and size, only.",
+    }
+    add_options(parser, execution, "execution")
+    output = {
+        **shared("--keep"),
+        "--out DIR": "Folder for the results. Default: results/MATRIX.",
+        "--no-report": "Write no plots and no report.",
+    }
+    add_options(parser, output, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

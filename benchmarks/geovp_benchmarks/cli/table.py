@@ -15,7 +15,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import Lines, Progress, add, add_flag, add_group, add_shared
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
@@ -25,21 +25,28 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, what is shown of them, and the output."""
-    add_shared(parser, "folder")
-    group = add_group(parser, "selection", "--methods", "--metrics", "--by", "--against")
-    add_flag(group, "--strict", "Leave out clips on which a method failed.")
-    text = "Layout of a paper, next to its numbers, such as fvs20. Default: ours."
-    add(group, "--paper", "NAME", text)
-    group = add_group(parser, "output")
+    add_options(parser, shared("folder"))
+    selection = {
+        **shared("--methods", "--metrics", "--by", "--against"),
+        "--strict": "Leave out clips on which a method failed.",
+        "--paper NAME": "Layout of a paper, next to its numbers, such as fvs20. Default: ours.",
+    }
+    add_options(parser, selection, "selection")
     formats, spreads = ("md", "tex", "csv"), ("interval", "standard-error")
-    text = "md, tex or csv. Default: md."
-    add(group, "--format", "FORMAT", text, "md", choices=formats)
-    text = "interval or standard-error of each mean. Default: interval."
-    add(group, "--spread", "SPREAD", text, "interval", choices=spreads)
-    add(group, "--label", "NAME", "Label of the first LaTeX table. Default: tab:TABLE.", "")
-    add(group, "--caption", "TEXT", "Caption of the first LaTeX table. Default: its title.", "")
-    text = "Also write a page of the documentation, whose opening and notes stay. Default: none."
-    add(group, "--page", "FILE", text)
+    output = {
+        "--format FORMAT": option("md, tex or csv. Default: md.", "md", choices=formats),
+        "--spread SPREAD": option(
+            "interval or standard-error of each mean. Default: interval.",
+            "interval",
+            choices=spreads,
+        ),
+        "--label NAME": option("Label of the first LaTeX table. Default: tab:TABLE.", ""),
+        "--caption TEXT": option("Caption of the first LaTeX table. Default: its title.", ""),
+        "--page FILE": (
+            "Also write a page of the documentation, whose opening and notes stay. Default: none."
+        ),
+    }
+    add_options(parser, output, "output")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -9,20 +9,24 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, add, add_group, add_shared, at_least
+from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option, shared
 from geovp_benchmarks.progress import Progress, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the results, the sample and the tolerance."""
-    add_shared(parser, "folder")
-    group = add_group(parser, "sample", "--root")
-    text = "Number of (method, clip) pairs of each data set. Default: 8."
-    add(group, "--pairs", "N", text, 8)
-    text = "Random seed of the sample. Default: 0."
-    add(group, "--seed", "SEED", text, 0, type=at_least(0))
-    text = "Largest difference that passes, in the unit of each metric. Default: 1e-4."
-    add(group, "--tolerance", "X", text, 1e-4, type=at_least(0, float))
+    add_options(parser, shared("folder"))
+    sample = {
+        **shared("--root"),
+        "--pairs N": option("Number of (method, clip) pairs of each data set. Default: 8.", 8),
+        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=at_least(0)),
+        "--tolerance X": option(
+            "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
+            1e-4,
+            type=at_least(0, float),
+        ),
+    }
+    add_options(parser, sample, "sample")
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

@@ -16,7 +16,7 @@ from operator import or_
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import add
+from geovp_benchmarks.cli.options import add_options, option
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.tables.formats import grid
@@ -43,14 +43,21 @@ SCORED_STEPS = np.array([0, 4, 9, 14, 19])  # of the future
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the clips and the corruptions."""
-    add(parser, "root", "FOLDER", "Folder laid out as KITTI odometry.")
-    default = ("03[0:180)", "raw0095")  # train and val
-    text = f"Sequences or stretches of them. Default: {' '.join(default)}."
-    add(parser, "frames", "FRAMES", text, default, nargs="*")
-    add(parser, "--stride", "N", "Frames between the starts of two clips. Default: 60.", 60)
-    text = "Names of the corruptions. Default: all."
+    stretches = ("03[0:180)", "raw0095")  # train and val
     names = list(CORRUPTIONS)
-    add(parser, "--only", "NAME", text, names, nargs="+", choices=names)
+    options = {
+        "root FOLDER": "Folder laid out as KITTI odometry.",
+        "frames FRAMES": option(
+            f"Sequences or stretches of them. Default: {' '.join(stretches)}.",
+            stretches,
+            nargs="*",
+        ),
+        "--stride N": option("Frames between the starts of two clips. Default: 60.", 60),
+        "--only NAME": option(
+            "Names of the corruptions. Default: all.", names, nargs="+", choices=names
+        ),
+    }
+    add_options(parser, options)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

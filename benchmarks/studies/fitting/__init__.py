@@ -3,18 +3,24 @@
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.options import Progress, add
+from geovp_benchmarks.cli.options import Progress, add_options, option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the model and the pose files."""
-    text = "What to fit. The first two write MODEL.npz, the last prints its constants."
     models = ("motion-prior", "body-motion", "kalman")
-    parser.add_argument("model", choices=models, help=text)
-    add(parser, "poses", "FOLDER", "Folder of NN.txt and NN_times.txt.")
     sequences = ["00", "02", "08", "09"]
-    text = f"Sequences of KITTI odometry. Default: {' '.join(sequences)}."
-    add(parser, "--sequences", "NN", text, sequences, nargs="+")
+    options = {
+        f"model {{{','.join(models)}}}": option(
+            "What to fit. The first two write MODEL.npz, the last prints its constants.",
+            choices=models,
+        ),
+        "poses FOLDER": "Folder of NN.txt and NN_times.txt.",
+        "--sequences NN": option(
+            f"Sequences of KITTI odometry. Default: {' '.join(sequences)}.", sequences, nargs="+"
+        ),
+    }
+    add_options(parser, options)
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
