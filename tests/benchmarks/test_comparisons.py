@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, best
@@ -20,7 +19,7 @@ OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
 def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
-    score = Score.of(values, CLIPS, UNBOUNDED)
+    score = Score.of(values, CLIPS)
     return MethodScores(name, {"psnr": score}, marks, score.clips, by_truth)
 
 

@@ -20,7 +20,6 @@ import json
 import re
 from contextlib import suppress
 from importlib import metadata
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +43,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     if args.name == "matrices":
         for path in sorted(CONFIGS.glob("*.toml")):
-            lines = takewhile(
-                lambda line: line.startswith("#"), path.read_text("utf-8").split("\n")
-            )
-            yield f"{path.stem}: {first_sentence(' '.join(line.lstrip('# ') for line in lines))}"
+            comment, _, _ = path.read_text("utf-8").partition("\n\n")
+            yield f"{path.stem}: {first_sentence(comment.replace('#', ''))}"
         return
     if args.name == "protocols":
         yield protocols.TABLES.read_text("utf-8")

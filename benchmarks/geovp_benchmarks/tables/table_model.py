@@ -41,9 +41,13 @@ class Score:
 
     @classmethod
     def of(
-        cls, values: FloatArray, clips: Sequence[str], bounds: Bounds, level: float = 0.95
+        cls,
+        values: FloatArray,  # [N]; NaN is left out
+        clips: Sequence[str],
+        bounds: Bounds = UNBOUNDED,
+        level: float = 0.95,
     ) -> Self:
-        """Return the mean of values [N]; NaN is left out."""
+        """Return the mean of values by clip."""
         sequences = sequences_of(tuple(clips))
         interval = BlockBootstrap(level).interval(values, sequences, bounds)
         error, count = statistics.standard_error(values), int(np.isfinite(values).sum())
@@ -157,7 +161,7 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
     gaps = (
-        Score.of(sign * (rival.values - score.values), clips, UNBOUNDED, 1 - 0.05 / len(better))
+        Score.of(sign * (rival.values - score.values), clips, level=1 - 0.05 / len(better))
         for rival in better
     )
     return any(gap.low > 0 for gap in gaps)
