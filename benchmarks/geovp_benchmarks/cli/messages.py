@@ -15,10 +15,10 @@ class StandardError(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record; a closed or full stream does not end the command."""
-        tqdm = sys.modules.get("tqdm")
-        write = tqdm.tqdm.write if tqdm is not None else print
+        from tqdm import tqdm  # loaded by then, but not for --help
+
         with suppress(OSError, ValueError):
-            write(f"geovp: {self.format(record)}", file=sys.stderr)
+            tqdm.write(f"geovp: {self.format(record)}", file=sys.stderr)
 
 
 @contextmanager

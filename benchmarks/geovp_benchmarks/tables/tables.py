@@ -53,12 +53,13 @@ def against(
     main, protocol = _main_table(contents, metrics, strict), contents.protocol
     reference = _main_table(results.select(name).contents(), (), strict).methods[0]
     others = [m for m in main.methods if m.label != reference.label and m.scores]
-    errors = {column.key for column in main.columns if column.higher_is_better is False}
-    exact = [key for key in reference.scores if key in errors and reference.scores[key].is_exact]
+    columns = {column.key: column for column in main.columns if column.key in reference.scores}
+    errors = [key for key, column in columns.items() if column.higher_is_better is False]
+    exact = [key for key in errors if reference.scores[key].is_exact]
     methods, starred = [], set()
     for method in others:
         differences = {}
-        for key in reference.scores.keys() & method.scores.keys():
+        for key in columns.keys() & method.scores.keys():
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
             level = 1 - 0.05 / len(others)  # Bonferroni
@@ -73,8 +74,7 @@ def against(
         names = ", ".join(map(title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
-    columns = [column for column in main.columns if column.key in reference.scores]
-    table = Table("against", heading, columns, methods, starred=starred)
+    table = Table("against", heading, list(columns.values()), methods, starred=starred)
     return explained(table, protocol, notes)
 
 
