@@ -80,19 +80,16 @@ class Session:
         late = self._late
         if late is None:
             black = np.zeros((*self.source.size_px[::-1], 3), np.uint8)
-            return self._shown(black, black, true, "no image has arrived yet", None, 0.0)
+            return self._shown(black, true, None, "no image has arrived yet")
         age_s = now_s - late.time_s
-        warning: str | None
         try:
             view = self.live.view(now_s, self.commands.at(now_s))
         except Incompatible:  # while a push restarts
-            warning = "the images were interrupted: restarting"
-            return self._shown(late.frame, late.frame, true, warning, age_s, 0.0)
+            return self._shown(late.frame, true, age_s, "the images were interrupted: restarting")
         warning = view.warning
         if warning is None and min(age_s, view.age_s) < 0:
             warning = "the clock jumped: the newest image is from the future"
-        frame = late.frame if warning else self._draw(view)
-        return self._shown(late.frame, frame, true, warning, age_s, view.confidence)
+        return self._shown(late.frame, true, age_s, warning, view)
 
     def _draw(self, view: LiveView) -> ByteArray:
         frame = view.frame
@@ -103,19 +100,18 @@ class Session:
     def _shown(
         self,
         late: ByteArray,
-        frame: ByteArray,
         true: ByteArray | None,
-        warning: str | None,
         age_s: float | None,
-        confidence: float,
+        warning: str | None,
+        view: LiveView | None = None,
     ) -> Shown:
         age = "" if age_s is None else f", {age_s:.2f} s old"
-        panels = {f"late image{age}": late}
-        if warning is None:
-            panels["predicted present"] = frame
-        else:
-            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
-            confidence = 0.0
+        panels, confidence = {f"late image{age}": late}, 0.0
+        if warning is not None:
+            panels["late image, not predicted"] = drawing.draw_warning(late, warning)
+        elif view is not None:
+            panels["predicted present"] = self._draw(view)
+            confidence = view.confidence
         if true is not None:
             panels["true present"] = true
         return Shown(panels, warning, age_s, confidence, self.is_dimming)
