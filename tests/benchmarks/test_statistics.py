@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.results.scores import nanmean
 from geovp_classic.types import FloatArray
 from tests.benchmarks.made import scores
 
@@ -18,7 +19,7 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) =
     # 2.828; / sqrt(2) = 2
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
-    by_clip = statistics.over_steps(statistics.mean_of_samples(table))
+    by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
     assert by_clip.tolist() == [2.0, 6.0]
     assert statistics.standard_error(by_clip) == pytest.approx(2.0)
 
@@ -33,7 +34,7 @@ def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> Non
             ("c", 0, 1): 3.0,
         }
     )
-    by_clip = statistics.over_steps(statistics.mean_of_samples(table))
+    by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
     np.testing.assert_array_equal(by_clip, [1.0, NAN, 3.0])
     # s = sqrt(((1-2)^2 + (3-2)^2) / 1) = 1.414; / sqrt(2) = 1
     assert statistics.standard_error(by_clip) == pytest.approx(1.0)

@@ -41,11 +41,6 @@ def reductions(num_samples: int) -> dict[str, Reduction]:
     }
 
 
-def over_steps(values: FloatArray) -> FloatArray:
-    """Return the mean over steps [N] of values [N, F]; NaN where no step has one."""
-    return nanmean(values, axis=1)
-
-
 def standard_error(values: FloatArray) -> float:
     """Return the standard error of the mean of values [N] without NaN; NaN for fewer than two."""
     finite = values[np.isfinite(values)]
