@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.results.score_names import COVERAGE
+from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Contents, Results
 from geovp_classic.errors import BadData, nearest
 
@@ -61,7 +61,7 @@ def _covered(contents: Contents) -> tuple[dict[str, float], str]:
     for method in contents.methods:
         if method.kind == "geometric" and method.status == "done":
             samples = contents.scores[method.name].means()[COVERAGE]
-            covered = statistics.over_steps(samples).tolist()  # over samples
+            covered = nanmean(samples, axis=1).tolist()  # over samples
             facts = dict(zip(contents.protocol["clips"], covered, strict=True))
             return facts, f", as {method.label} covers it"
     return {}, ""
