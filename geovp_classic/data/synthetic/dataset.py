@@ -1,14 +1,15 @@
 """The synthetic data set: clips of drives through synthetic streets."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy.random import Generator
 
-from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES
 from geovp_classic.data.synthetic.rendering import Optics, render_drive
 from geovp_classic.data.synthetic.roads import Journey, world_from_vehicle
-from geovp_classic.data.synthetic.street import build_street
+from geovp_classic.data.synthetic.street import MANOEUVRES, build_street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import (
@@ -19,6 +20,8 @@ from geovp_classic.types import (
     Intrinsics,
     Trajectory,
 )
+
+Image = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,7 @@ class Synthetic(Optics):
 
     def __getitem__(self, index: int) -> Clip:
         """Render a clip."""
-        if not -self.num_clips <= index < self.num_clips:
-            raise IndexError(f"synthetic clip {index} of {self.num_clips}")
-        index %= self.num_clips
+        index = range(self.num_clips)[index]
         seed, manoeuvre, first = self.window(index)
         street = build_street(seed, manoeuvre)
         times_s = (first + np.arange(self.num_frames)) / 10.0
@@ -76,9 +77,7 @@ class Synthetic(Optics):
         light, depths, moving = render_drive(
             street, world_from_cam, camera, times_s, self
         )
-        frames = self._expose(light, (index, 0))
-        left_px = (camera.width_px - square.width_px) // 2
-        crop = np.s_[:, :, left_px : left_px + square.width_px]
+        frames = self._expose(light, index, 0)
         views = {}
         if self.with_full:
             views["full"] = ExtraView(frames, full, np.eye(4))
@@ -87,16 +86,16 @@ class Synthetic(Optics):
             right_from_left[0, 3] = -0.54  # KITTI's baseline
             poses = world_from_cam @ se3.inverse(right_from_left)
             light, _, _ = render_drive(street, poses, full, times_s, self)
-            right = self._expose(light, (index, 1))
+            right = self._expose(light, index, 1)
             views["right"] = ExtraView(right, full, right_from_left)
         return Clip(
-            name=self.clip_name(index),
-            frames=frames[crop],
+            name=self.clip_names[index],
+            frames=_middle(frames, square.width_px),
             times_s=times_s,
             intrinsics=square,
             trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
-            depths=depths[crop],
-            moving=moving[crop],
+            depths=_middle(depths, square.width_px),
+            moving=_middle(moving, square.width_px),
             camera_height_m=self.camera_height_m,
             **views,
         )
@@ -110,25 +109,15 @@ class Synthetic(Optics):
 
     @property
     def clip_names(self) -> tuple[str, ...]:
-        """Return the names of all clips without rendering them."""
-        return tuple(self.clip_name(index) for index in range(self.num_clips))
-
-    def clip_name(self, index: int) -> str:
-        """Return the drive (a sequence) and its first frame, as "seed0-left-turn/000"."""
-        seed, manoeuvre, first = self.window(index)
-        return f"seed{seed}-{manoeuvre}/{first:03d}"
+        """Return the drive (a sequence) and first frame of each clip: "seed0-left-turn/000"."""
+        name = "seed{}-{}/{:03d}".format
+        return tuple(name(*self.window(index)) for index in range(len(self)))
 
     def _cameras(self) -> tuple[Intrinsics, Intrinsics]:
         """Return the square camera and the uncropped one, whose middle the square camera sees."""
         width_px, height_px = self.size_px
-        square = Intrinsics(
-            489 / 256 * width_px,  # as KITTI's
-            489 / 256 * height_px,
-            (width_px - 1) / 2,
-            (height_px - 1) / 2,
-            width_px,
-            height_px,
-        )
+        kitti = Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256)
+        square = kitti.resized(width_px, height_px)
         extra_px = round(width_px * (1242 / 375 - 1) / 2)  # KITTI's aspect
         full_px = width_px + 2 * extra_px
         return square, square.cropped(-extra_px, 0, full_px, height_px)
@@ -136,65 +125,54 @@ class Synthetic(Optics):
     def _world_from_cam(
         self, ego: Journey, times_s: FloatArray, seed: int
     ) -> FloatArray:
-        """Return world_from_cam [T, 4, 4].
-
-        The car pitches, rolls and heaves at 0.8 to 2.2 Hz while it moves, and pitches when it
-        brakes.
-        """
+        """Return world_from_cam [T, 4, 4] of a car that shakes at 0.8 to 2.2 Hz while it moves."""
         delays_s = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])[:, None]
         travelled_m = ego.travelled_m(times_s + delays_s)  # [5, T]
         speed_m_s = (travelled_m[3] - travelled_m[1]) / 0.2
         acceleration_m_s2 = np.diff(travelled_m[::2], n=2, axis=0)[0] / 0.04
         amplitude = self.bounce * np.clip(speed_m_s / 8.0, 0.0, 1.2)
         rng = np.random.default_rng([seed, 7])
-        pitch, roll, heave = (
-            amplitude * _waves(rng, times_s, 0.8, 2.2) for _ in range(3)
-        )
+        waves = [_waves(rng, times_s, 0.8, 2.2) for _ in range(3)]
+        pitch, roll, heave = amplitude * waves
+        braking = self.bounce * 0.004 * acceleration_m_s2
         body_from_rest = np.zeros((len(times_s), 6))
         body_from_rest[:, 1] = 0.008 * heave - self.camera_height_m
-        body_from_rest[:, 3] = (
-            0.0022 * pitch + self.bounce * 0.004 * acceleration_m_s2
-        )
+        body_from_rest[:, 3] = 0.0022 * pitch + braking
         body_from_rest[:, 5] = 0.0016 * roll
-        mount = planar.level_vehicle_from_cam(
-            np.deg2rad(self.pitch_deg), np.deg2rad(self.roll_deg)
-        )
+        mount_rad = np.deg2rad([self.pitch_deg, self.roll_deg])
+        mount = planar.level_vehicle_from_cam(*mount_rad)
         world_from_rest = world_from_vehicle(*ego.place_at(times_s))
         return world_from_rest @ se3.exp(body_from_rest) @ mount
 
-    def _expose(
-        self, light: FloatArray, clip_and_eye: tuple[int, int]
-    ) -> ByteArray:
+    def _expose(self, light: FloatArray, *clip_and_eye: int) -> ByteArray:
         """Return images [T, H, W, 3] of linear light with noise and drifting exposure.
 
-        The noise is drawn for uncropped images. A crop therefore has the noise of the whole.
+        A crop has the noise of the uncropped image.
         """
         rng = np.random.default_rng([self.seed, *clip_and_eye, 99])
         num_frames, height_px, width_px, _ = light.shape
         times_s = np.arange(num_frames) * 0.1
         drift = self.exposure_drift * _waves(rng, times_s, 0.1, 0.5)
-        canvas_px = self._cameras()[1].width_px
-        grain = rng.standard_normal(
-            (num_frames, height_px, canvas_px, 3), dtype=np.float32
-        )
-        left_px = (canvas_px - width_px) // 2
-        grain = grain[:, :, left_px : left_px + width_px]
         gain = np.exp(drift)[:, None, None, None]
+        full_px = self._cameras()[1].width_px
+        shape = (num_frames, height_px, full_px, 3)
+        grain = _middle(rng.standard_normal(shape, np.float32), width_px)
         image = 255 * np.sqrt(np.clip(light * gain, 0.0, 1.0))
-        return np.clip(image + self.noise * grain + 0.5, 0, 255).astype(
-            np.uint8
-        )
+        image = image + self.noise * grain + 0.5
+        return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def _middle(images: Image, width_px: int) -> Image:
+    """Return the middle columns of images [T, H, W, ...]."""
+    left_px = (images.shape[2] - width_px) // 2
+    return images[:, :, left_px : left_px + width_px]
 
 
 def _waves(
-    rng: Generator,
-    times_s: FloatArray,
-    min_hz: float,
-    max_hz: float,
-    num_waves: int = 4,
+    rng: Generator, times_s: FloatArray, min_hz: float, max_hz: float
 ) -> FloatArray:
-    """Return a wandering signal [T] of about unit variance."""
-    frequencies_hz = rng.uniform(min_hz, max_hz, num_waves)
-    phases_rad = rng.uniform(0, 2 * np.pi, num_waves)
+    """Return a wandering signal [T] of about unit variance: four waves."""
+    frequencies_hz = rng.uniform(min_hz, max_hz, 4)
+    phases_rad = rng.uniform(0, 2 * np.pi, 4)
     waves = np.sin(2 * np.pi * np.outer(times_s, frequencies_hz) + phases_rad)
-    return waves.sum(axis=-1) * np.sqrt(2 / num_waves)
+    return waves.sum(axis=-1) * np.sqrt(2 / 4)

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from geovp_classic.data.synthetic.roads import Places
 from geovp_classic.data.synthetic.solids import RayCaster
 from geovp_classic.data.synthetic.street import Street
 from geovp_classic.data.synthetic.textures import (
@@ -41,9 +40,7 @@ class Rendering(NamedTuple):
     """The frames of a drive without noise."""
 
     light: FloatArray  # [T, H, W, 3], linear
-    depths: (
-        FloatArray  # [T, H, W], float32, z-depth at pixel centres; inf = sky
-    )
+    depths: FloatArray  # [T, H, W], float32, z-depth; inf = sky
     moving: BoolArray  # [T, H, W], on moving cars and in their shadows
 
 
@@ -54,13 +51,12 @@ def render_drive(
     times_s: FloatArray,  # [T]
     optics: Optics,
 ) -> Rendering:
-    """Render the street at any times; pixels at edges are averages of four rays."""
+    """Render the street at any times."""
 
     def render(step: int) -> Rendering:
         caster = RayCaster(street.solids_at(times_s[step]))
-        return _View(
-            caster, street, optics, world_from_cam[step], camera
-        ).render()
+        view = _View(caster, street, optics, world_from_cam[step], camera)
+        return view.render()
 
     frames = parallel_map(render, range(len(times_s)))
     return Rendering(*map(np.stack, zip(*frames, strict=True)))
@@ -87,30 +83,26 @@ class _View:
     optics: Optics
     world_from_cam: FloatArray  # [4, 4]
     camera: Intrinsics
-    blur_reach: float = 3.0  # in standard deviations
-    # contrast of light among neighbours at edges, (high - low) / (high + low)
-    max_contrast: float = 0.5
 
     def render(self) -> Rendering:
         """Return light [H, W, 3], depth [H, W] and moving [H, W].
 
-        Pixels are averages of four rays if their neighbours show another texture, or if the
-        contrast exceeds `max_contrast` (Mitchell 1987). Both look beyond the border of the image.
+        Pixels are averages of four rays if their neighbours show another texture or differ much in
+        light (Mitchell 1987). Both look beyond the border of the image.
         """
         blur_px = self.optics.blur_px
-        margin_px = int(self.blur_reach * blur_px + 0.5) + 1
-        shape = (
-            self.camera.height_px + 2 * margin_px,
-            self.camera.width_px + 2 * margin_px,
-        )
-        rows, columns = np.indices(shape, float).reshape(2, -1) - margin_px
-        pixels = np.column_stack([columns, rows])
+        margin_px = int(3.0 * blur_px + 0.5) + 1
+        height_px = self.camera.height_px + 2 * margin_px
+        width_px = self.camera.width_px + 2 * margin_px
+        rows, columns = np.indices((height_px, width_px), float) - margin_px
+        pixels = np.column_stack([columns.ravel(), rows.ravel()])
         light, depth, is_moving, texture = self._trace(pixels)
 
-        channels = np.column_stack([light, texture]).reshape(*shape, 4)
+        channels = np.column_stack([light, texture])
+        channels = channels.reshape(height_px, width_px, 4)
         high = cv2.dilate(channels, np.ones((3, 3)))
         low = cv2.erode(channels, np.ones((3, 3)))
-        max_contrast = [self.max_contrast] * 3 + [0.0]
+        max_contrast = [0.5, 0.5, 0.5, 0.0]  # (high - low) / (high + low)
         is_edge = (high - low > max_contrast * (high + low)).any(axis=-1)
         edges = np.flatnonzero(is_edge)
         for offset_px in ((-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)):
@@ -119,14 +111,11 @@ class _View:
             is_moving[edges] |= more_moving
         light[edges] /= 4
 
-        light = gaussian_filter(
-            light.reshape(*shape, 3),
-            (blur_px, blur_px, 0),
-            truncate=self.blur_reach,
-        )
+        light = light.reshape(height_px, width_px, 3)
+        light = gaussian_filter(light, (blur_px, blur_px, 0), truncate=3.0)
+        depth = depth.reshape(height_px, width_px).astype(np.float32)
+        is_moving = is_moving.reshape(height_px, width_px)
         inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
-        depth = depth.reshape(shape).astype(np.float32)
-        is_moving = is_moving.reshape(shape)
         return Rendering(light[inner], depth[inner], is_moving[inner])
 
     def _trace(
@@ -136,16 +125,13 @@ class _View:
 
         The texture of the sky is -1.
         """
-        rotation = self.world_from_cam[:3, :3]
         eye = self.world_from_cam[:3, 3]
         rays = pinhole.unproject(pixels, 1.0, self.camera)
-        rays = rays @ rotation.T
+        rays = rays @ self.world_from_cam[:3, :3].T
         depth, solids, faces = self.caster.cast(eye, rays)
-
         weather = self.street.weather
-        is_moving = self._is_traffic(solids)
-        texture = np.full(len(rays), -1)
         light = weather.sky_light(_unit(rays))
+        texture = np.full(len(rays), -1)
 
         seen = solids >= 0
         points = eye + depth[seen, None] * rays[seen]
@@ -155,22 +141,24 @@ class _View:
         _, blockers, _ = self.caster.cast(above, weather.to_sun)
         light[seen] = self._shade(hits, blockers < 0)
         texture[seen] = hits.texture
-        is_turned_to_sun = hits.normal @ weather.to_sun > 0
-        is_moving[seen] |= self._is_traffic(blockers) & is_turned_to_sun
-        return light, depth, is_moving, texture
 
-    def _is_traffic(self, solids: IntArray) -> BoolArray:
-        """Return whether solids are parts of moving cars, which come last."""
-        return solids >= len(self.street.static.is_round)
+        num_static = len(self.street.static.is_round)  # moving cars follow
+        is_moving = solids >= num_static
+        is_turned_to_sun = hits.normal @ weather.to_sun > 0
+        is_moving[seen] |= (blockers >= num_static) & is_turned_to_sun
+        return light, depth, is_moving, texture
 
     def _hits(
         self,
-        points: FloatArray,  # [N, 3]
-        pixel_m: FloatArray,  # [N]
-        numbers: IntArray,  # [N], of the solids
-        faces: IntArray,  # [N]
+        points: FloatArray,
+        pixel_m: FloatArray,
+        numbers: IntArray,
+        faces: IntArray,
     ) -> _Hits:
-        """Return the hits at points on solids, with the road's surface on the ground."""
+        """Return the hits at points on faces of the numbered solids.
+
+        The ground has the surface of the roads.
+        """
         solids = self.caster.solids
         frame = self.caster.local_from_world[numbers]  # [N, 3, 4]
         local = np.einsum("nij,nj->ni", frame[..., :3], points) + frame[..., 3]
@@ -184,23 +172,19 @@ class _View:
         across = np.array([[2, 1], [0, 2], [0, 1]])[axis]  # axes of the texture
         pick = (np.arange(len(points))[:, None], across)
         uv_axes = frame[..., :3][pick]
-        tile_m = TILE_M[texture]
-        tiles = 1 / (np.linalg.norm(uv_axes, axis=-1) * tile_m)
+        tiles = 1 / (np.linalg.norm(uv_axes, axis=-1) * TILE_M[texture])
         tiles[np.isnan(tiles)] = 1
         uv = tiles * local[pick]
         uv_axes *= tiles[..., None]
         ground = np.flatnonzero(texture == Texture.GROUND)
-        places: Places = points[ground, 0] + 1j * points[ground, 2]
+        places = points[ground, 0] + 1j * points[ground, 2]
         surface = self.street.roads.surface(places)
         texture[ground], uv[ground], uv_axes[ground] = surface
         tint = solids.tints[numbers, axis]
         return _Hits(points, pixel_m, normal, texture, tint, uv, uv_axes)
 
     def _shade(self, hits: _Hits, is_lit: BoolArray) -> FloatArray:
-        """Return the light [N, 3] that comes from hits to the eye.
-
-        `is_lit` [N] is whether the sun reaches the surface.
-        """
+        """Return the light [N, 3] from hits to the eye; the sun reaches those that are lit [N]."""
         weather = self.street.weather
         sight = hits.points - self.world_from_cam[:3, 3]
         ray = _unit(sight)
@@ -216,9 +200,8 @@ class _View:
         is_tinted = texel[:, 3:]  # 0 to 1
         colour = texel[:, :3] * (1 + is_tinted * (hits.tint - 1))
         colour *= _stains(hits)
-        light = colour**2 * weather.irradiance(
-            hits.normal, is_lit, hits.texture == Texture.LEAVES
-        )
+        is_leaf = hits.texture == Texture.LEAVES
+        light = colour**2 * weather.irradiance(hits.normal, is_lit, is_leaf)
 
         reflected = weather.sky_light(ray + 2 * facing * hits.normal)
         gloss = self.optics.gloss * column("gloss", 0.0)[hits.texture, None]

@@ -20,15 +20,15 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, IntArray
 
 Places = npt.NDArray[np.complexfloating[Any]]
+STEP_M = 0.25  # between the points of a path
 
 
 @dataclass(frozen=True)
 class Path:
-    """A smooth line, sampled every `step_m`."""
+    """A smooth line, sampled every `STEP_M`."""
 
     points: Places  # [K]
     yaw_rad: FloatArray  # [K]
-    step_m: float
 
     def at(
         self, along_m: FloatArray, right_m: float
@@ -37,7 +37,7 @@ class Path:
 
         Beyond its ends, the path is straight.
         """
-        knots_m = np.arange(len(self.points)) * self.step_m
+        knots_m = np.arange(len(self.points)) * STEP_M
         inside_m = np.clip(along_m, 0.0, knots_m[-1])
         yaw_rad = np.interp(inside_m, knots_m, self.yaw_rad)
         offset = right_m + 1j * (along_m - inside_m)
@@ -49,7 +49,7 @@ class Path:
         _, nearest = self._tree.query(pairs(places))
         yaw_rad = self.yaw_rad[nearest]
         offset = (places - self.points[nearest]) * np.exp(1j * yaw_rad)
-        return offset + 1j * nearest * self.step_m, yaw_rad
+        return offset + 1j * nearest * STEP_M, yaw_rad
 
     @functools.cached_property
     def _tree(self) -> KDTree:
@@ -67,25 +67,20 @@ def from_bends(
     start: tuple[float, float] = (0.0, 0.0),
     start_yaw_deg: float = 0.0,
     side: float = 1.0,
-    step_m: float = 0.25,
 ) -> Path:
     """Return the path through pieces of (length_m, turn_rad); `side` -1 mirrors the turns.
 
     The curvature is smoothed like that of a steered car.
     """
     lengths_m, turns_rad = np.transpose(bends)
-    num_steps = np.round(lengths_m / step_m).astype(int)
-    curvature = gaussian_filter1d(
-        np.repeat(side * turns_rad / lengths_m, num_steps),
-        easing_m / step_m,
-        mode="nearest",
-    )
-    turned_rad = np.append(0.0, np.cumsum(curvature) * step_m)
+    num_steps = np.round(lengths_m / STEP_M).astype(int)
+    curvature = np.repeat(side * turns_rad / lengths_m, num_steps)
+    curvature = gaussian_filter1d(curvature, easing_m / STEP_M, mode="nearest")
+    turned_rad = np.append(0.0, np.cumsum(curvature) * STEP_M)
     yaw_rad = np.deg2rad(start_yaw_deg) + turned_rad
     middle_rad = 0.5 * (yaw_rad[1:] + yaw_rad[:-1])
-    steps = 1j * step_m * np.exp(-1j * middle_rad)
-    points = np.cumsum([complex(*start), *steps])
-    return Path(points, yaw_rad, step_m)
+    steps = 1j * STEP_M * np.exp(-1j * middle_rad)
+    return Path(np.cumsum([complex(*start), *steps]), yaw_rad)
 
 
 @dataclass(frozen=True)
@@ -157,11 +152,9 @@ class Roads:
         Returns its texture [N], the place on the texture [N, 2] in tiles, and the change of that
         place by a step in the world [N, 2, 3].
         """
-        located, yaw_rad = map(
-            np.array,
-            zip(*(path.locate(places) for path in self.paths), strict=True),
-        )
-        from_middle_m = np.abs(located.real)  # [paths, N]
+        rows = [path.locate(places) for path in self.paths]
+        located, yaw_rad = map(np.array, zip(*rows, strict=True))  # [paths, N]
+        from_middle_m = np.abs(located.real)
         from_kerb_m = self._from_kerb_m(from_middle_m)
         # The textures of road, kerb, pavement and grass follow each other.
         bands_m = [0.0, self.kerb_m, self.pavement_m]
@@ -176,9 +169,8 @@ class Roads:
         pick = (from_middle_m.argmin(axis=0), np.arange(len(places)))
         is_lane = np.isin(texture, (Texture.ROAD, Texture.ZEBRA))
         right = np.where(is_lane, np.exp(-1j * yaw_rad[pick]), 1)
-        on_texture = np.where(
-            is_lane, located[pick] + self.half_width_m, places
-        )
+        in_lane = located[pick] + self.half_width_m
+        on_texture = np.where(is_lane, in_lane, places)
         axes = pairs(np.stack([right, 1j * right], axis=1))  # [N, 2, 2]
         tile_m = TILE_M[texture]
         uv_axes = np.insert(axes, 1, 0, axis=-1) / tile_m[..., None]

@@ -68,24 +68,17 @@ class RayCaster:
         self.bounds = np.concatenate([levels[0], *levels])  # [nodes, 2, 3]
 
     def cast(
-        self,
-        origins: FloatArray,  # [N, 3] or [3]
-        directions: FloatArray,  # [N, 3] or [3]
+        self, origins: FloatArray, directions: FloatArray
     ) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return the nearest hits of rays.
+        """Return the nearest hits of rays; origins and directions are [N, 3] or [3].
 
         These are lengths [N] in ray directions (inf: nothing), solids [N] (-1: none) and faces [N]
         (0 of ellipsoids).
         """
         rays = np.broadcast_arrays(origins, directions)
-        return _cast(
-            self.bounds,
-            self.leaves,
-            self.local_from_world,
-            self.solids.planes,
-            self.solids.is_round,
-            *map(np.ascontiguousarray, rays),
-        )
+        rays = tuple(map(np.ascontiguousarray, rays))
+        tree = (self.bounds, self.leaves, self.local_from_world)
+        return _cast(*tree, self.solids.planes, self.solids.is_round, *rays)
 
 
 @kernel
@@ -112,13 +105,12 @@ def _cast(bounds, leaves, frames, planes, is_round, origins, directions):  # typ
                     start[axis] = _dot(row, origins[ray]) + row[3]
                     step[axis] = _dot(row, directions[ray])
                 if is_round[solid]:
-                    length, face = _to_ball(start, step)
+                    hit = _to_ball(start, step), solid, 0
                 else:
                     length, face = _to_box(planes[solid], start, step)
-                if length < lengths[ray]:
-                    lengths[ray] = length
-                    solids[ray] = solid
-                    faces[ray] = face
+                    hit = length, solid, face
+                if hit[0] < lengths[ray]:
+                    lengths[ray], solids[ray], faces[ray] = hit
             while node % 2 == 1:  # both children are done
                 node //= 2
             node += node > 0
@@ -140,15 +132,15 @@ def _to_bounds(bounds, origin, inverse):  # type: ignore[no-untyped-def]  # noqa
 
 @kernel
 def _to_ball(start, step):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Return where a local ray enters the ball, and face 0; inf if never or if inside."""
+    """Return where a local ray enters the ball; inf if never or if inside."""
     start -= 0.5
     a = _dot(step, step)
     b = _dot(step, start)
     c = _dot(start, start) - 0.25
     root = b * b - a * c
     if root < 0 or b > 0 or c < 0:
-        return np.inf, 0
-    return (-b - np.sqrt(root)) / a, 0
+        return np.inf
+    return (-b - np.sqrt(root)) / a
 
 
 @kernel

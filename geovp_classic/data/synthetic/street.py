@@ -1,6 +1,6 @@
 """A furnished street with its traffic and weather, drawn from a seed.
 
-The objects are described in street.toml.
+street.toml describes the objects, and manoeuvres.toml roads and traffic of each manoeuvre.
 """
 
 import functools
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES, plan
 from geovp_classic.data.synthetic.roads import (
     Journey,
     Places,
     Roads,
+    from_bends,
     world_from_vehicle,
 )
 from geovp_classic.data.synthetic.solids import Solids, box_planes, joined
@@ -27,6 +27,9 @@ from geovp_classic.data.synthetic.weather import Weather
 from geovp_classic.types import FloatArray
 
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+MANOEUVRES: dict[str, Any] = tomllib.loads(
+    Path(__file__).with_name("manoeuvres.toml").read_text()
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,30 @@ def build_street(seed: int, manoeuvre: str) -> Street:
     return Street(joined(objects), traffic, roads, weather, ego)
 
 
+def plan(manoeuvre: str, rng: Generator) -> tuple[Roads, list[Journey]]:
+    """Return roads and journeys of a manoeuvre, that of the car with the camera first."""
+
+    def draw(value: Any) -> float:
+        return rng.uniform(*value) if isinstance(value, list) else value
+
+    table = MANOEUVRES[manoeuvre]
+    is_single = len(table["paths"]) == 1
+    side = rng.choice([-1.0, 1.0]) if is_single else 1.0
+    paths = [from_bends(**path, side=side) for path in table["paths"]]
+    usual_m_s = draw(table["speed_m_s"])
+    journeys = []
+    for row in table["journeys"]:
+        path = paths[row.get("path", 0)]
+        speed_m_s = draw(row.get("speed_m_s", usual_m_s))
+        start_m = draw(row["start_m"])
+        start_m += draw(row.get("headway_s", 0.0)) * speed_m_s
+        times_s, factors = np.transpose(row.get("profile", [[0.0, 1.0]]))
+        right_m = row.get("lane", 1) * 1.65  # from the middle of the road
+        speeds_m_s = speed_m_s * factors
+        journeys.append(Journey(path, start_m, right_m, speeds_m_s, times_s))
+    return Roads(paths[:2]), journeys
+
+
 def model(rng: Generator, name: str) -> Solids:
     """Return an object of street.toml at the origin, or a tree."""
     tints = {
@@ -91,34 +118,33 @@ def _solid(
     return world_from_local, box_planes(taper), round, textures, surface_tints
 
 
-def _tree(rng: Generator, num_lumps: int = 24) -> list[dict[str, Any]]:
-    """Return the parts of a trunk with a crown of lumps, rounder or taller from tree to tree."""
+def _tree(rng: Generator) -> list[dict[str, Any]]:
+    """Return a trunk with a crown of 24 lumps, rounder or taller from tree to tree."""
     height_m = rng.uniform(5.5, 10.5)
     crown_m = height_m * rng.uniform(0.22, 0.32) * np.array([1, 1.1, 1])
     middle_m = [0, height_m - crown_m[1], 0]
     trunk_m = 0.022 * height_m * np.array([1, 35, 1])
-    ellipsoids = [(0 * trunk_m, trunk_m, ["plaster", "bark"])]
-    for _ in range(num_lumps):
-        out = rng.normal(size=3)
-        out *= crown_m * rng.uniform(0.3, 0.85) / np.linalg.norm(out)
+    parts = [_ellipsoid(0 * trunk_m, trunk_m, "plaster", "bark")]
+    for _ in range(24):
+        out_m = rng.normal(size=3)
+        out_m *= crown_m * rng.uniform(0.3, 0.85) / np.linalg.norm(out_m)
         radii_m = crown_m * rng.uniform(0.25, 0.45) * rng.uniform(0.8, 1.2, 3)
-        ellipsoids.append((middle_m + out, radii_m, ["leaves", "greens"]))
-    return [
-        {
-            "low": middle - radii,
-            "high": middle + radii,
-            "paint": [paint],
-            "round": True,
-        }
-        for middle, radii, paint in ellipsoids
-    ]
+        parts.append(_ellipsoid(middle_m + out_m, radii_m, "leaves", "greens"))
+    return parts
+
+
+def _ellipsoid(
+    middle: FloatArray, radii: FloatArray, *paint: str
+) -> dict[str, Any]:
+    """Return a part of an object as street.toml describes it."""
+    corners = {"low": middle - radii, "high": middle + radii}
+    return {**corners, "paint": [paint], "round": True}
 
 
 def _furniture(
     rng: Generator,
     roads: Roads,
     drive: Places,  # [K], places that the camera passes
-    distances_m: tuple[float, float] = (1.7, 110.0),  # from the drive
 ) -> list[Solids]:
     """Return the objects beside the roads; none overlaps another or reaches over its kerb."""
     objects = []
@@ -135,7 +161,7 @@ def _furniture(
             from_drive_m = np.abs(drive - places[0]).min()
             gaps_m = np.abs(occupied[:, 0] - places[0]) - occupied[:, 1].real
             if (
-                not distances_m[0] < from_drive_m < distances_m[1]
+                not 1.7 < from_drive_m < 110.0
                 or (gaps_m < radius_m).any()
                 or roads.distance_m(places).min() < from_kerb_m - 0.3
             ):

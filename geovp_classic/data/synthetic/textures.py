@@ -73,8 +73,7 @@ def _painted(
     colours = np.clip(pattern[..., None] * [*colour, 1e9], 0, 1)
     image = (255 * colours).astype(np.uint8)
     for shape in shapes:
-        for shift in shape.get("repeat", [[0, 0]]):
-            _draw(image, shift, **shape)
+        _draw(image, **shape)
     return image
 
 
@@ -88,9 +87,8 @@ def _stones(
     slope: float = 0.0,  # brightness from the upper to the lower edge of a stone
 ) -> FloatArray:
     """Return the brightness [SIZE, SIZE] of rows of stones."""
-    down, across = (
-        np.mgrid[:SIZE, :SIZE] / SIZE * np.reshape(num[::-1], (2, 1, 1))
-    )
+    grid = np.mgrid[:SIZE, :SIZE] / SIZE
+    down, across = grid * np.reshape(num[::-1], (2, 1, 1))
     row = down.astype(int)
     across += shift * (row % 2)
     stones = 1 + spread * rng.standard_normal(num[::-1])
@@ -102,44 +100,40 @@ def _stones(
 
 def _draw(
     image: ByteArray,
-    shift: Sequence[int],
     kind: str,
     at: Sequence[int],
     colour: Sequence[int],
     width: int = -1,
-    **_: Any,
+    repeat: Sequence[tuple[int, int]] = ((0, 0),),
 ) -> None:
-    """Draw a shape on an image."""
-    points = np.reshape(at, (-1, 2))
-    first, second = (points + shift)[:2].tolist()
-    if kind == "ellipse":
-        radii = points[1].tolist()
-        cv2.ellipse(image, first, radii, 0, 0, 360, colour, width, cv2.LINE_AA)
-    elif kind == "rectangle":
-        cv2.rectangle(image, first, second, colour, width)
-    else:
-        cv2.polylines(
-            image, [points + shift], False, colour, width, cv2.LINE_AA
-        )
+    """Draw a shape on an image at each of the shifts of `repeat`."""
+    smooth = cv2.LINE_AA
+    for shift in repeat:
+        points = np.reshape(at, (-1, 2)) + shift
+        first, second = points[:2].tolist()
+        if kind == "rectangle":
+            cv2.rectangle(image, first, second, colour, width)
+        elif kind == "ellipse":
+            radii = at[2:]
+            cv2.ellipse(image, first, radii, 0, 0, 360, colour, width, smooth)
+        else:
+            cv2.polylines(image, [points], False, colour, width, smooth)
 
 
 @functools.cache
 def mip_maps() -> tuple[ByteArray, ...]:
     """Paint all textures; return RGBA [textures, S, S, 4] for S = SIZE, SIZE / 2, ... 1."""
     # All streets share the images; they differ by tints and layout.
+    averaged = {"interpolation": cv2.INTER_AREA}
     images = [
         _painted(np.random.default_rng([20_110_926, number]), **table)
         for number, table in enumerate(TABLES.values())
     ]
     levels = []
-    size = SIZE
-    while size > 0:
-        smaller = [
-            cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
-            for image in images
-        ]
+    for level in range(SIZE.bit_length()):
+        size = (SIZE >> level, SIZE >> level)
+        smaller = [cv2.resize(image, size, **averaged) for image in images]
         levels.append(np.array(smaller))
-        size //= 2
     return tuple(levels)
 
 
@@ -148,16 +142,16 @@ def sample(
     uv: FloatArray,  # [N, 2], in tiles; images repeat
     longer: FloatArray,  # [N, 2], the longer side of the footprint of a pixel, in tiles
     shorter: FloatArray,  # [N], length of the shorter side, in tiles
-    max_taps: int = 8,  # along the longer side; limits the cost of grazing views
 ) -> FloatArray:
     """Return RGBA [N, 4] in 0..1, averaged over the footprint of each pixel."""
     textures = np.zeros(len(uv), dtype=int) + texture
-    return _sample(mip_maps(), textures, uv, longer, shorter, max_taps)
+    return _sample(mip_maps(), textures, uv, longer, shorter)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sample(levels, texture, uv, longer, shorter, max_taps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _sample(levels, texture, uv, longer, shorter):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Average taps along the longer side of the footprint in two mip levels."""
+    max_taps = 8  # limits the cost of grazing views
     size = levels[0].shape[1]
     colours = np.zeros((len(texture), 4))
     for i in range(len(texture)):
@@ -181,8 +175,6 @@ def _sample(levels, texture, uv, longer, shorter, max_taps):  # type: ignore[no-
                     for col in (left, left + 1):
                         part = (1.0 - abs(x - col)) * (1.0 - abs(y - row))
                         texel = image[row % width, col % width]
-                        for channel in range(4):
-                            colours[i, channel] += (
-                                weight * part * texel[channel]
-                            )
+                        for k in range(4):
+                            colours[i, k] += weight * part * texel[k]
     return colours

@@ -52,10 +52,7 @@ class Weather:
         return clear * (1 - cover) + 0.93 * cover + glow
 
     def irradiance(
-        self,
-        normal: FloatArray,  # [N, 3]
-        is_lit: BoolArray,  # [N], by the sun
-        is_leaf: BoolArray,  # [N]
+        self, normal: FloatArray, is_lit: BoolArray, is_leaf: BoolArray
     ) -> FloatArray:
         """Return the light [N, 3] that arrives from sun and sky; leaves also let it through."""
         cosine = normal @ self.to_sun

@@ -7,7 +7,7 @@ import pytest
 
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic
-from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES
+from geovp_classic.data.synthetic.street import MANOEUVRES
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip, PrivilegedInput
@@ -72,11 +72,13 @@ def test_the_right_camera_sees_near_things_further_left(stereo: Clip) -> None:
 def test_clips_cycle_through_manoeuvres_then_windows_then_streets() -> None:
     data = Synthetic(num_clips=40, num_frames=30, stride=10)
     assert [data.window(index)[1] for index in range(8)] == list(MANOEUVRES)
-    assert data.clip_name(1) == "seed0-left-turn/000"
-    assert data.clip_name(9) == "seed0-left-turn/010"
-    assert data.clip_name(1 + 8 * 3) == "seed0-left-turn/030"  # frames 30..59: the end of the drive
-    assert data.clip_name(1 + 8 * 4) == "seed1000-left-turn/000"
-    assert len({data.clip_name(index) for index in range(40)}) == 40
+    assert data.clip_names[1] == "seed0-left-turn/000"
+    assert data.clip_names[9] == "seed0-left-turn/010"
+    assert (
+        data.clip_names[1 + 8 * 3] == "seed0-left-turn/030"
+    )  # frames 30..59: the end of the drive
+    assert data.clip_names[1 + 8 * 4] == "seed1000-left-turn/000"
+    assert len(set(data.clip_names)) == 40
     assert len(data) == 40
 
 

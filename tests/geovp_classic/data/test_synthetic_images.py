@@ -8,11 +8,10 @@ import numpy.typing as npt
 import pytest
 
 from geovp_classic.data.synthetic import Synthetic
-from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES
 from geovp_classic.data.synthetic.rendering import Optics, Rendering, render_drive
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends
 from geovp_classic.data.synthetic.solids import RayCaster, Solids, box_planes, joined
-from geovp_classic.data.synthetic.street import Street, build_street
+from geovp_classic.data.synthetic.street import MANOEUVRES, Street, build_street
 from geovp_classic.data.synthetic.textures import Texture
 from geovp_classic.data.synthetic.weather import Weather
 from geovp_classic.geometry import pinhole, se3

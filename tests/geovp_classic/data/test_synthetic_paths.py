@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_classic.data.synthetic.manoeuvres import MANOEUVRES, plan
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends, world_from_vehicle
+from geovp_classic.data.synthetic.street import MANOEUVRES, plan
 
 TIMES_S = np.arange(60) * 0.1
 
