@@ -5,12 +5,11 @@ The site asks for an account, so nothing is downloaded here.
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Archive:
+class Archive(NamedTuple):
     """An archive of the site, and the path in the root that its content takes."""
 
     name: str
@@ -18,14 +17,9 @@ class Archive:
     belongs_in: str
     purpose: str
 
-    @property
-    def row(self) -> list[str]:
-        """Return the archive's row in a table with `COLUMNS`."""
-        return [self.name, self.size, self.belongs_in, self.purpose]
-
 
 COLUMNS = ["archive", "size", "belongs in", "needed for"]
-RAW_SIZES = Path(__file__).with_name("kitti_raw_sizes.toml")  # in bytes
+RAW_SIZES = Path(__file__).with_name("kitti_raw_sizes.toml")
 
 CALIBRATION = Archive(
     "data_odometry_calib.zip",
@@ -52,14 +46,13 @@ def missing_odometry(
     Sequences of other names are the user's own. Without a camera, grey or colour images serve,
     and both are named where there are none.
     """
-    images = (
-        [GREY, COLOUR] if camera is None else [GREY if camera < 2 else COLOUR]
-    )
-    posed = {f"{number:02d}" for number in range(11)}
+    images = [GREY, COLOUR]
+    if camera is not None:
+        images = [images[camera // 2]]
     official = {f"{number:02d}" for number in range(22)}
     missing: dict[Archive, None] = {}
     for sequence in sorted(official.intersection(sequences)):
-        poses = [[POSES]] if sequence in posed else []
+        poses = [[POSES]] if sequence < "11" else []
         for choice in [[CALIBRATION], *poses, images]:
             paths = [
                 root / archive.belongs_in.replace("NN", sequence)
@@ -84,15 +77,6 @@ def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
             (f"{drive}_sync", f"{date}/{drive}_sync", "images, true poses"),
         ):
             if not (root / path).exists():
-                size = _text(sizes[name]) if name in sizes else "unknown"
+                size = sizes.get(name, "unknown")
                 archives[name] = Archive(f"{name}.zip", size, path, purpose)
     return list(archives.values())
-
-
-def _text(size_bytes: int) -> str:
-    """Return a size in kB, MB or GB."""
-    if size_bytes >= 1e9:
-        return f"{size_bytes / 1e9:.1f} GB"
-    if size_bytes >= 1e6:
-        return f"{size_bytes / 1e6:.0f} MB"
-    return f"{size_bytes / 1e3:.0f} kB"

@@ -95,7 +95,7 @@ def missing_archives(root: Path, spec: dict[str, Any], sequences: Iterable[str])
         missing = kitti_archives.missing_raw(root, sequences)
     if not missing:
         return []
-    rows = [archive.row for archive in missing]
+    rows = [list(archive) for archive in missing]
     return [
         "",
         "missing archives of www.cvlibs.net/datasets/kitti (download them with your own account):",
