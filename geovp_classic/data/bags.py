@@ -212,8 +212,7 @@ def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
     BadData calls the image `name`.
     """
     if hasattr(message, "format"):  # CompressedImage
-        data = message.data.tobytes()
-        return frames.decode_rgb(name, data, bits)
+        return frames.read_image(name, bits, message.data.tobytes())
     if message.encoding not in ENCODINGS:
         raise BadData(
             f"{name} has the encoding {message.encoding!r}, expected {', '.join(ENCODINGS)}: "

@@ -39,36 +39,30 @@ class FrameReader(Protocol):
         """Return one frame [H, W, 3]; BadData names the file that is wrong."""
 
 
-def decode(path: Path, flags: int) -> Array:
-    """Return the image of a file as OpenCV decodes it; BadData if the file is damaged."""
-    return decode_bytes(path, files.read_bytes(path), flags)
+def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
+    """Return the image of a file, or of its content, as OpenCV decodes it.
 
-
-def decode_bytes(path: Path, data: bytes, flags: int) -> Array:
-    """Return the image of a file's content; BadData calls it `path`."""
+    BadData if the file is damaged.
+    """
+    data = files.read_bytes(path) if content is None else content
+    what = f"{path} cannot be decoded as an image"
     _check_image(path, io.BytesIO(data))
-    try:
+    with files.checked(what, "restore the file"):
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        image = None
-    if image is None:
-        raise BadData(f"{path} cannot be decoded as an image: restore the file")
-    return image
+        assert image is not None, "its pixels are damaged"
+        return image
 
 
-def read_image(path: Path, bits: int | None = None) -> ByteArray:
-    """Return the RGB image [H, W, 3], grey ones with three equal channels.
+def read_image(
+    path: Path, bits: int | None = None, content: bytes | None = None
+) -> ByteArray:
+    """Return the RGB image [H, W, 3] of a file or of its content, grey ones with equal channels.
 
     `bits` is the number of used bits of an image with 16 bits per channel, of which the upper 8
     are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
     alike. BadData if the file is damaged.
     """
-    return decode_rgb(path, files.read_bytes(path), bits)
-
-
-def decode_rgb(path: Path, data: bytes, bits: int | None) -> ByteArray:
-    """Return the RGB image [H, W, 3] of a file's content, as `read_image`."""
-    image = decode_bytes(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    image = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, content)
     return cv2.cvtColor(to_8_bits(path, image, bits), cv2.COLOR_BGR2RGB)
 
 
