@@ -10,31 +10,24 @@ from geovp_classic.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """The motion of a frame in its parent, recorded at M times in any order."""
+    """The motion of a frame in its parent, recorded in any order."""
 
     parent: str
-    times_s: list[float] = field(default_factory=list)  # M
-    parent_from_child: list[FloatArray] = field(
-        default_factory=list
-    )  # M times [4, 4]
-
-    def add(self, time_s: float, pose: FloatArray) -> None:
-        """Add the pose [4, 4] at a time."""
-        self.times_s.append(time_s)
-        self.parent_from_child.append(pose)
+    # parent_from_child [4, 4] by time in seconds
+    poses: dict[float, FloatArray] = field(default_factory=dict)
 
     @property
     def is_fixed(self) -> bool:
         """Return whether the frame never moves, such as a mount, known at all times."""
-        return bool(np.ptp(self.parent_from_child, axis=0).max() < 1e-6)
+        return bool(np.ptp([*self.poses.values()], axis=0).max() < 1e-6)
 
     def at(self, at_s: FloatArray, max_gap_s: float) -> FloatArray:
         """Return poses [N, 4, 4] interpolated between the neighbours in time.
 
         NaN before the first, after the last, and between neighbours more than `max_gap_s` apart.
         """
-        times_s, numbers = np.unique(self.times_s, return_index=True)
-        poses = np.array(self.parent_from_child)[numbers]
+        times_s = np.array(sorted(self.poses))
+        poses = np.array([self.poses[time_s] for time_s in times_s])
         if self.is_fixed or len(times_s) < 2:
             return np.tile(poses[0], (len(at_s), 1, 1))
         after = np.clip(np.searchsorted(times_s, at_s), 1, len(times_s) - 1)
@@ -54,7 +47,7 @@ class FrameTree(dict[str, Link]):
         """Add parent_from_child [4, 4] at a time; a frame keeps its first parent."""
         link = self.setdefault(child, Link(parent))
         if link.parent == parent:
-            link.add(time_s, pose)
+            link.poses.setdefault(time_s, pose)
 
     def path(self, frame: str) -> list[Link]:
         """Return the links from a frame up to the root."""
