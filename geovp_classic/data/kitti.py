@@ -6,6 +6,7 @@ rectified to look the same way, and poses are camera 0's, so world_from_camk = w
 cam0_from_camk.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -76,13 +77,11 @@ class Kitti(PosedSequences):
         camera = self._cameras(folder)[0] if camera is None else camera
         images = numbered_images(folder / f"image_{camera}", findings)
         path = folder / "times.txt"
-        times_s = pose_files.read_times(path, findings)
-        times_s = per_frame(path, times_s, images, findings)
+        times_s = per_frame(pose_files.read_times, path, images, findings)
         path = folder.parents[1] / "poses" / f"{folder.name}.txt"
         poses = None
         if path.exists():
-            poses = pose_files.read_kitti(path, findings)
-            poses = per_frame(path, poses, images, findings)
+            poses = per_frame(pose_files.read_kitti, path, images, findings)
         return rectified(
             images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
         )
@@ -123,12 +122,16 @@ class Kitti(PosedSequences):
 
 
 def per_frame(
-    path: Path, values: FloatArray, images: tuple[Path, ...], findings: Findings
+    read: Callable[[Path, Findings], FloatArray],
+    path: Path,
+    images: tuple[Path, ...],
+    findings: Findings,
 ) -> FloatArray:
-    """Return the values [N, ...] of a file, which should be one for each of N frames.
+    """Read the values [N, ...] of a file, which should be one for each of N frames.
 
     If there are fewer or more, the difference is reported and all values are NaN.
     """
+    values = read(path, findings)
     count = len(images)
     if len(values) == count:
         return values

@@ -62,9 +62,7 @@ class KittiRaw(Kitti):
         images = numbered_images(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
         path = folder / f"image_0{camera}" / "timestamps.txt"
-        times_s = kitti.per_frame(
-            path, read_timestamps(path, findings), images, findings
-        )
+        times_s = kitti.per_frame(read_timestamps, path, images, findings)
         poses = None
         if (folder / "oxts").is_dir():
             poses = _read_poses(folder, len(images), findings)
@@ -89,7 +87,7 @@ def read_timestamps(path: Path, findings: Findings) -> FloatArray:
     def parse_line(text: str) -> tuple[np.datetime64, None]:
         with contextlib.suppress(ValueError):
             if re.fullmatch(r"[\d-]+ [\d:.]+", text):
-                return np.datetime64(text.replace(" ", "T"), "ns"), None
+                return np.datetime64(text, "ns"), None
         raise BadData(
             f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
         )
