@@ -9,11 +9,10 @@ from typing import Any, Literal, Self
 import cv2
 import numpy as np
 
-from geovp_classic.data.frames import FrameReader, Size
+from geovp_classic.data.frames import Array, FrameReader, Size
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import (
-    ByteArray,
     Clip,
     ExtraView,
     FloatArray,
@@ -172,33 +171,36 @@ def cut(
     whole. `with_full` adds the uncropped frames as they are stored; the right view comes with the
     recording.
     """
-    steps = range(first, first + num_frames)
     span = slice(first, first + num_frames)
+
+    def read(reader: FrameReader) -> Array:
+        steps = range(first, first + num_frames)
+        return np.stack([reader.read(step) for step in steps])
+
     camera = recording.intrinsics
     side = recording.right
     window, intrinsics = pinhole.centre_crop(camera, size_px)
-    resize = pinhole.resize
+    resize: Any = pinhole.resize
     if fit == "stretch":
-        window = np.s_[:, :]
+        window = slice(None), slice(None)
         intrinsics = camera.resized(*size_px)
-        resize = _stretch
-    native = np.stack([recording.frames.read(step) for step in steps])
+        # bilinear without smoothing, as the data preparation of DMVFN (Hu et al. 2023): the
+        # protocols that stretch frames are compared by numbers that depend on it
+        resize = cv2.resize
+    native = read(recording.frames)
     right = None
     if side is not None:
-        frames = np.stack([side.frames.read(step) for step in steps])
+        frames = read(side.frames)
         right = ExtraView(frames, side.intrinsics, side.view_from_cam)
     depths = None
     if recording.depths is not None:
         # A mean over an edge would be on no surface.
-        maps = [
-            cv2.resize(
-                np.ascontiguousarray(recording.depths.read(step)[window]),
-                size_px,
-                interpolation=cv2.INTER_NEAREST_EXACT,
-            )
-            for step in steps
-        ]
-        depths = np.array(maps, np.float32)
+        nearest = {"interpolation": cv2.INTER_NEAREST_EXACT}
+        maps = read(recording.depths).astype(np.float32)
+        maps = maps[:, *window].copy()
+        depths = np.stack(
+            [cv2.resize(depth, size_px, **nearest) for depth in maps]
+        )
     return Clip(
         clip_name(recording.name, first),
         np.stack([resize(image[window], size_px) for image in native]),
@@ -210,12 +212,3 @@ def cut(
         right=right,
         camera_height_m=recording.camera_height_m,
     )
-
-
-def _stretch(image: ByteArray, size_px: Size) -> ByteArray:
-    """Resize a frame bilinearly without smoothing.
-
-    OpenCV does so by default, and so does the data preparation of DMVFN (Hu et al. 2023): the
-    protocols that stretch frames are compared by numbers that depend on it.
-    """
-    return cv2.resize(image, size_px)
