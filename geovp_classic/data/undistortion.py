@@ -50,18 +50,12 @@ class DistortedCamera:
         Its parameters are one or two focal lengths, the principal point, and the distortion; the
         centre of the top-left pixel is (0.5, 0.5).
         """
-        num_focals = len(camera.focal_length_idxs())
-        params = np.asarray(camera.params, np.float64).tolist()
-        cx_px, cy_px, *distortion = params[num_focals:]
-        view = Intrinsics(
-            params[0],
-            params[num_focals - 1],
-            cx_px - 0.5,
-            cy_px - 0.5,
-            camera.width,
-            camera.height,
-        )
-        return cls(view, camera.model.name, tuple(distortion))
+        matrix = camera.calibration_matrix().tolist()
+        (fx, _, cx), (_, fy, cy), _ = matrix
+        size_px = camera.width, camera.height
+        view = Intrinsics(fx, fy, cx - 0.5, cy - 0.5, *size_px)
+        distortion = np.array(camera.params)[camera.extra_params_idxs()]
+        return cls(view, camera.model.name, tuple(distortion.tolist()))
 
     @property
     def size_px(self) -> Size:
