@@ -47,25 +47,23 @@ class RosBag(PosedSequences):
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a bag with each of its image topics."""
-        topics: list[str | None] = []
+        topics: list[str] = []
         with findings.catch(folder):
-            topics += Bag(folder).topics("image")
+            topics = Bag(folder).topics("image")
         return {
-            topic or "": self._scan(folder, topic, findings)
-            for topic in topics or [None]
+            topic: self.scan(folder, findings, topic)
+            for topic in topics or [""]
         }
 
-    def scan(self, folder: Path, findings: Findings) -> Scan:
-        """Scan a bag with one of its image topics."""
-        return self._scan(folder, self.image_topic, findings)
-
-    def _scan(
-        self, folder: Path, image_topic: str | None, findings: Findings
+    def scan(
+        self, folder: Path, findings: Findings, image_topic: str = ""
     ) -> Scan:
+        """Scan a bag with one of its image topics, by default that of the settings."""
         scan = Scan((), np.empty(0))
         with findings.catch(folder):
             bag = Bag(folder)
-            images = BagImages(bag, image_topic, self.image_bits)
+            topic = image_topic or self.image_topic
+            images = BagImages(bag, topic, self.image_bits)
             # clips overlap
             load = functools.lru_cache(maxsize=2 * self.num_frames)(images.read)
             scan = Scan(images.names, images.times_s, load=load)
