@@ -7,7 +7,7 @@ frames at 17 Hz. Its name is that of its annotated frame, the 20th, such as
 """
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -87,21 +87,17 @@ class Cityscapes(PosedSequences):
         with findings.catch(path):
             camera, vehicle_from_cam = read_calibration(path)
             camera = scaled_to(camera, image_size(images[0]), str(path))
-            scan = replace(
-                scan,
-                cameras=(camera,) * len(images),
-                cam_from_rig=se3.inverse(vehicle_from_cam),
-            )
+            poses = None
             if len(readings) == len(images):
-                poses = integrated(np.array(readings)) @ vehicle_from_cam
-                scan = replace(scan, world_from_cam=poses)
+                poses = integrated(np.array(readings))
+            scan = scan.mounted(camera, vehicle_from_cam, poses)
         return scan
 
     def _read(self, name: str, folder: Path, load: Load) -> Recording:
         scan = self.scan(folder, RAISE)
         height_m = self.camera_height_m
         if height_m is None:
-            height_m = float(se3.inverse(scan.cam_from_rig)[2, 3])
+            height_m = float(scan.rig_from_cam[2, 3])
         return scan.recording(name, folder, load, height_m)
 
     def _paths(self, folder: Path, kind: str, suffix: str) -> list[Path]:

@@ -5,7 +5,7 @@ data.csv in `mav0/state_groundtruth_estimate0` or `mav0/mocap0`: time in ns, pos
 (w first) of world_from_body. T_BS of a camera's sensor.yaml is body_from_cam.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,12 +52,9 @@ class Euroc(PosedSequences):
         start_ns = stamps_ns[0] if images else 0.0
         times_s = (stamps_ns - start_ns) / 1e9
         sensor = cam / "sensor.yaml"
-        cameras: tuple[DistortedCamera, ...] = ()
-        body_from_cam: FloatArray = np.eye(4)
+        scan = Scan(images, times_s)
         with findings.catch(sensor):
-            camera, body_from_cam = read_sensor(sensor)
-            cameras = (camera,) * len(images)
-        poses = None
+            scan = scan.mounted(*read_sensor(sensor))
         truths = [
             mav0 / name / "data.csv"
             for name in ("state_groundtruth_estimate0", "mocap0")
@@ -67,8 +64,8 @@ class Euroc(PosedSequences):
             poses = nearest_poses(
                 times_s, pose_times_s, poses, self.max_difference_s
             )
-            poses = poses @ body_from_cam
-        return Scan(images, times_s, cameras, poses)
+            scan = replace(scan, world_from_cam=poses @ scan.rig_from_cam)
+        return scan
 
 
 def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:

@@ -116,7 +116,7 @@ class Kitti(PosedSequences):
             return recording
         right = self.scan(folder, RAISE, right_camera)
         view = right.recording(name, folder, load, self.camera_height_m)
-        right_from_left = right.cam_from_rig @ se3.inverse(left.cam_from_rig)
+        right_from_left = se3.inverse(right.rig_from_cam) @ left.rig_from_cam
         side = SideCamera(view.frames, view.intrinsics, right_from_left)
         return replace(recording, right=side)
 
@@ -158,9 +158,6 @@ def rectified(
         size_px = image_size(images[0])
         with findings.catch(calibration):
             camera, cam_from_cam0 = read_projection(calibration, name, size_px)
-            cameras = (camera,) * len(images)
-            scan = replace(scan, cameras=cameras, cam_from_rig=cam_from_cam0)
-            if world_from_cam0 is not None:
-                poses = world_from_cam0 @ se3.inverse(cam_from_cam0)
-                scan = replace(scan, world_from_cam=poses)
+            cam0_from_cam = se3.inverse(cam_from_cam0)
+            scan = scan.mounted(camera, cam0_from_cam, world_from_cam0)
     return scan

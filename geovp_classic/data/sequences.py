@@ -12,7 +12,7 @@ import os
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -46,8 +46,25 @@ class Scan:
     depths: tuple[Path | None, ...] | None = None  # N
     is_metric: bool = True
     # of one of several cameras
-    cam_from_rig: FloatArray = field(default_factory=lambda: np.eye(4))
+    rig_from_cam: FloatArray = field(default_factory=lambda: np.eye(4))
     load: Load | None = None  # of images that are not files
+
+    def mounted(
+        self,
+        camera: DistortedCamera,
+        rig_from_cam: FloatArray,  # [4, 4]
+        world_from_rig: FloatArray | None = None,  # [N, 4, 4]
+    ) -> "Scan":
+        """Return the scan of a camera on a rig, whose poses may be known."""
+        poses = world_from_rig
+        if poses is not None:
+            poses = poses @ rig_from_cam
+        return replace(
+            self,
+            cameras=(camera,) * len(self.images),
+            rig_from_cam=rig_from_cam,
+            world_from_cam=poses,
+        )
 
     @property
     def posed(self) -> IntArray:

@@ -64,11 +64,8 @@ class DistortedCamera:
 
     def sees(self, rays: FloatArray) -> bool:
         """Return whether all rays [N, 3] lie inside the image."""
-        pixels = self.project(rays)
-        is_inside = (pixels >= -0.5) & (
-            pixels <= np.subtract(self.size_px, 0.5)
-        )
-        return bool(is_inside.all())
+        pixels = self.project(rays) + 0.5
+        return bool(((pixels >= 0) & (pixels <= self.size_px)).all())
 
     def project(self, rays: FloatArray) -> FloatArray:
         """Project rays [N, 3] to pixels [N, 2]."""
