@@ -5,7 +5,9 @@ images in `images` or itself, where the model's names of images are looked up. A
 registered breaks the sequence, as does another sub-folder.
 """
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -51,20 +53,13 @@ class Colmap(PosedSequences):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
         root = folder / "images" if (folder / "images").is_dir() else folder
-        paths = sorted(
-            filter(is_image, root.rglob("*")),
-            key=lambda path: (path.parent, natural_order(path)),
-        )
-        images = tuple(paths)
+        paths = sorted(filter(is_image, root.rglob("*")), key=natural_order)
+        images = tuple(sorted(paths, key=attrgetter("parent")))
         times_s = np.arange(len(images)) / self.rate_hz
         registered: Registered = {}
         with findings.catch(folder):
-            models = (
-                path.parent
-                for pattern in self.patterns
-                for path in folder.glob(pattern)
-            )
-            registered = _read_model(next(models))
+            parts = itertools.chain(*map(folder.glob, self.patterns))
+            registered = _read_model(next(parts).parent)
         names = [path.relative_to(root).as_posix() for path in images]
         missing = sorted(registered.keys() - set(names))
         if missing:
@@ -79,11 +74,8 @@ class Colmap(PosedSequences):
         unregistered = np.full((4, 4), np.nan), camera
         views = (registered.get(name, unregistered) for name in names)
         poses, cameras = zip(*views, strict=True)
-        world_from_cam = np.stack(poses)
-        is_metric = self.is_metric
-        return Scan(
-            images, times_s, cameras, world_from_cam, is_metric=is_metric
-        )
+        scan = Scan(images, times_s, cameras, np.stack(poses))
+        return replace(scan, is_metric=self.is_metric)
 
 
 def _read_model(model: Path) -> Registered:

@@ -119,21 +119,21 @@ def _read_poses(
             readings.append(reading)
     with findings.catch(date):
         cam0_from_imu: FloatArray = np.eye(4)
-        for name in ("imu_to_velo", "velo_to_cam"):
+        for name, turn in (
+            ("imu_to_velo", "R"),
+            ("velo_to_cam", "R"),
+            ("cam_to_cam", "R_rect_00"),
+        ):
             path = date / f"calib_{name}.txt"
-            rotation = read_entry(path, "R", 9).reshape(3, 3)
-            motion = se3.compose(rotation, read_entry(path, "T", 3))
-            cam0_from_imu = motion @ cam0_from_imu
-        path = date / "calib_cam_to_cam.txt"
-        rotation = read_entry(path, "R_rect_00", 9).reshape(3, 3)
-        cam0_from_imu = se3.compose(rotation, np.zeros(3)) @ cam0_from_imu
+            rotation = read_entry(path, turn, 9).reshape(3, 3)
+            shift = read_entry(path, "T", 3) if turn == "R" else np.zeros(3)
+            cam0_from_imu = se3.compose(rotation, shift) @ cam0_from_imu
         cam0_from_imu = se3.orthonormalised(
             cam0_from_imu, pose_files.ROTATION_TOLERANCE
         )
         if readings and len(readings) == num_frames:
-            return mercator_poses(np.array(readings)) @ se3.inverse(
-                cam0_from_imu
-            )
+            imu_from_cam0 = se3.inverse(cam0_from_imu)
+            return mercator_poses(np.array(readings)) @ imu_from_cam0
     return None
 
 

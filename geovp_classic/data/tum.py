@@ -74,9 +74,8 @@ class Tum(PosedSequences):
                 folder / "depth.txt", folder, findings
             )
             numbers = nearest(times_s, depth_times_s, self.max_difference_s)
-            depths = tuple(
-                paths[number] if number >= 0 else None for number in numbers
-            )
+            with_missing = [*paths, None]
+            depths = tuple(with_missing[number] for number in numbers)
         poses = None
         truth = folder / "groundtruth.txt"
         if truth.exists():
