@@ -14,7 +14,7 @@ from geovp_benchmarks.running import task
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import write_bytes
-from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.types import Clip
 from tests.benchmarks.made import write_images
 

@@ -14,7 +14,7 @@ from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import published
 from geovp_classic.data.atomic import write_bytes
-from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 
 DRIVES = (60, 84, 93, 96)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.metrics.strata import strata
 from geovp_classic.pose_sources.ground_truth import GroundTruth

@@ -1,5 +1,1 @@
 """A synthetic street: the data set that needs no download."""
-
-from geovp_classic.data.synthetic.dataset import Synthetic
-
-__all__ = ["Synthetic"]

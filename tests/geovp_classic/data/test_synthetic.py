@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.data.synthetic.street import MANOEUVRES
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3

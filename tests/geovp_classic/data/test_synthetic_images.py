@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.data.synthetic.rendering import Optics, Rendering, render_drive
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends
 from geovp_classic.data.synthetic.solids import RayCaster, Solids, box_planes, joined
