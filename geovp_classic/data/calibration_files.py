@@ -124,15 +124,15 @@ def read_projection(
     """
     projection = read_entry(path, name, 12).reshape(3, 4)
     (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
-    camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
+    with RAISE.catch(path):
+        view = Intrinsics(fx, fy, cx, cy, *size_px)
+    if not np.allclose(projection[:, :3], view.matrix):
         raise BadData(
-            f"{path}: {name} is not K [I | t] of a rectified camera: expected positive focal "
-            "lengths, zeros beside them, and 0 0 1 below"
+            f"{path}: {name} is not K [I | t] of a rectified camera: expected zeros beside the "
+            "focal lengths, and 0 0 1 below"
         )
-    translation = np.linalg.solve(camera_matrix, projection[:, 3])
-    camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, *size_px))
-    return camera, se3.compose(np.eye(3), translation)
+    translation = np.linalg.solve(view.matrix, projection[:, 3])
+    return DistortedCamera(view), se3.compose(np.eye(3), translation)
 
 
 def load_yaml(text: str) -> Mapping[str, Any]:
