@@ -108,12 +108,12 @@ class Doctor:
                 self._examine_cameras(folder, scan, camera_sizes_px, findings)
             )
         times_s = first.times_s[np.isfinite(first.times_s)]
-        steps_s = np.diff(first.times_s)
-        finite_s = steps_s[np.isfinite(steps_s)]
-        usual_s = float(np.median(finite_s)) if len(finite_s) else np.nan
+        usual_s = np.nan
+        if len(times_s) > 1:
+            usual_s = float(np.median(np.diff(times_s)))
         _warn_beyond(
             self.max_step_ratio * usual_s,
-            steps_s,
+            np.diff(first.times_s),
             first.images,
             f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing",
             findings,

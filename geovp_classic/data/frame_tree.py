@@ -28,13 +28,13 @@ class Link:
         """
         times_s = np.array(sorted(self.poses))
         poses = np.array([self.poses[time_s] for time_s in times_s])
-        if self.is_fixed or len(times_s) < 2:
+        if self.is_fixed:
             return np.tile(poses[0], (len(at_s), 1, 1))
         after = np.clip(np.searchsorted(times_s, at_s), 1, len(times_s) - 1)
         is_near = times_s[after] - times_s[after - 1] <= max_gap_s
         is_near &= (at_s >= times_s[0]) & (at_s <= times_s[-1])
-        interpolated = np.full((len(at_s), 4, 4), np.nan)
-        interpolated[is_near] = se3.interpolate(poses, times_s, at_s[is_near])
+        interpolated = se3.interpolate(poses, times_s, at_s)
+        interpolated[~is_near] = np.nan
         return interpolated
 
 

@@ -49,7 +49,8 @@ def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
     _check_image(path, io.BytesIO(data))
     with files.checked(what, "restore the file"):
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        assert image is not None, "its pixels are damaged"
+        if image is None:
+            raise ValueError("its pixels are damaged")
         return image
 
 
