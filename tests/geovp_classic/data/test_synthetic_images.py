@@ -11,9 +11,8 @@ from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.data.synthetic.rendering import Optics, Rendering, render_drive
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends
 from geovp_classic.data.synthetic.solids import RayCaster, Solids, box_planes, joined
-from geovp_classic.data.synthetic.street import MANOEUVRES, Street, build_street
+from geovp_classic.data.synthetic.street import MANOEUVRES, Street, Weather, build_street
 from geovp_classic.data.synthetic.textures import Texture
-from geovp_classic.data.synthetic.weather import Weather
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
