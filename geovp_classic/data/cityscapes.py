@@ -7,7 +7,7 @@ frames at 17 Hz. Its name is that of its annotated frame, the 20th, such as
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from geovp_classic import files
 from geovp_classic.data.calibration_files import scaled_to
 from geovp_classic.data.findings import RAISE, Findings
-from geovp_classic.data.frames import Load, image_size
+from geovp_classic.data.frames import image_size
 from geovp_classic.data.sequences import PosedSequences, Scan
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.data.windows import Recording
@@ -93,12 +93,13 @@ class Cityscapes(PosedSequences):
             scan = scan.mounted(camera, vehicle_from_cam, poses)
         return scan
 
-    def _read(self, name: str, folder: Path, load: Load) -> Recording:
+    def _read(self, name: str, folder: Path) -> Recording:
         scan = self.scan(folder, RAISE)
-        height_m = self.camera_height_m
-        if height_m is None:
-            height_m = float(scan.rig_from_cam[2, 3])
-        return scan.recording(name, folder, load, height_m)
+        recording = self._recording(name, folder, scan)
+        if self.camera_height_m is not None:
+            return recording
+        height_m = float(scan.rig_from_cam[2, 3])
+        return replace(recording, camera_height_m=height_m)
 
     def _paths(self, folder: Path, kind: str, suffix: str) -> list[Path]:
         """Return the files of a type for all frames of a snippet."""

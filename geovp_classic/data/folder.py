@@ -12,7 +12,6 @@ from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import (
     FrameFiles,
     FrameReader,
-    Load,
     VideoFrames,
     image_files,
 )
@@ -99,7 +98,7 @@ class Folder(SequenceDataset):
     def _is_root(self) -> bool:
         return self.path not in self._folders.values()
 
-    def _read(self, name: str, folder: Path, load: Load) -> Recording:
+    def _read(self, name: str, folder: Path) -> Recording:
         reader: FrameReader
         if folder.is_file():
             reader = VideoFrames(folder)
@@ -107,8 +106,8 @@ class Folder(SequenceDataset):
             rate_hz = reader.rate_hz
         else:
             images = tuple(image_files(folder))
-            size_px = load(images[0]).shape[1::-1]
-            reader = FrameFiles(images, (size_px,) * len(images), load)
+            size_px = self._load(images[0]).shape[1::-1]
+            reader = FrameFiles(images, (size_px,) * len(images), self._load)
             rate_hz = DEFAULT_RATE_HZ
         camera = Intrinsics(*self.intrinsics, *size_px)
         folder = folder if self._is_root else Path()

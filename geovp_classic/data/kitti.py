@@ -18,7 +18,7 @@ from geovp_classic.data.calibration_files import (
     read_projection,
 )
 from geovp_classic.data.findings import RAISE, Findings
-from geovp_classic.data.frames import Load, image_size, numbered_images
+from geovp_classic.data.frames import image_size, numbered_images
 from geovp_classic.data.sequences import PosedSequences, Scan
 from geovp_classic.data.windows import FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
@@ -107,15 +107,15 @@ class Kitti(PosedSequences):
         cameras.sort(key=lambda camera: camera != self.camera)
         return cameras or [KITTI_CAMERAS[0]]
 
-    def _read(self, name: str, folder: Path, load: Load) -> Recording:
+    def _read(self, name: str, folder: Path) -> Recording:
         camera, *others = self._cameras(folder)
         left = self.scan(folder, RAISE)
-        recording = left.recording(name, folder, load, self.camera_height_m)
+        recording = self._recording(name, folder, left)
         right_camera = {0: 1, 2: 3}.get(camera)
         if not self.with_right or right_camera not in others:
             return recording
         right = self.scan(folder, RAISE, right_camera)
-        view = right.recording(name, folder, load, self.camera_height_m)
+        view = self._recording(name, folder, right)
         right_from_left = se3.inverse(right.rig_from_cam) @ left.rig_from_cam
         side = SideCamera(view.frames, view.intrinsics, right_from_left)
         return replace(recording, right=side)

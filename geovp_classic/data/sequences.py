@@ -87,52 +87,6 @@ class Scan:
             if following != (before + 1, folder)
         )
 
-    def recording(
-        self,
-        name: str,
-        source: Path,
-        load: Load,
-        camera_height_m: float | None,
-    ) -> Recording:
-        """Return the sequence for clips, without the images that lack a pose."""
-        numbers = self.posed
-        if not self.cameras:
-            raise BadData(
-                f"{source} has no known camera: give intrinsics = [fx, fy, cx, cy]"
-            )
-        if not len(numbers):
-            raise BadData(
-                f"{source}: none of {len(self.images)} images has a pose: give images and poses "
-                "that match"
-            )
-
-        def posed(values: Sequence[Any]) -> tuple[Any, ...]:
-            return tuple(values[number] for number in numbers)
-
-        times_s = self.times_s[numbers]
-        cameras = posed(self.cameras)
-        sizes_px = tuple(camera.size_px for camera in cameras)
-        view = common_pinhole(cameras, source)
-        images = FrameFiles(posed(self.images), sizes_px, self.load or load)
-        trajectory = None
-        if self.world_from_cam is not None:
-            poses = self.world_from_cam[numbers]
-            trajectory = Trajectory(poses, times_s, self.is_metric)
-        depths = None
-        if self.depths is not None:
-            maps = FrameFiles(posed(self.depths), sizes_px, frames.read_depth)
-            depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
-        return Recording(
-            name,
-            UndistortedFrames(images, cameras, view),
-            times_s,
-            view,
-            trajectory,
-            camera_height_m,
-            depths=depths,
-            breaks=self.breaks,
-        )
-
 
 def sequence_folders(
     root: Path, is_sequence: Callable[[Path], bool], expected: str
@@ -282,9 +236,6 @@ class SequenceDataset(ABC):
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """Return the sequences in use, by name."""
-        load = functools.partial(frames.read_image, bits=self.image_bits)
-        # clips overlap
-        cached = functools.lru_cache(maxsize=2 * self.num_frames)(load)
         recordings = {}
         for frame_range in self._named_ranges():
             name = frame_range.sequence
@@ -294,8 +245,14 @@ class SequenceDataset(ABC):
                     f"there is no sequence {name!r}: name one of {names}"
                 )
             if name not in recordings:
-                recordings[name] = self._read(name, self._folders[name], cached)
+                recordings[name] = self._read(name, self._folders[name])
         return recordings
+
+    @cached_property
+    def _load(self) -> Load:
+        """Return the function that reads an image; clips overlap."""
+        load = functools.partial(frames.read_image, bits=self.image_bits)
+        return functools.lru_cache(maxsize=2 * self.num_frames)(load)
 
     def __len__(self) -> int:
         return len(self._starts)
@@ -332,7 +289,7 @@ class SequenceDataset(ABC):
         """Return the sequences by name; BadData if there are none."""
 
     @abstractmethod
-    def _read(self, name: str, folder: Path, load: Load) -> Recording:
+    def _read(self, name: str, folder: Path) -> Recording:
         """Read a sequence, whose images are loaded later."""
 
 
@@ -372,7 +329,46 @@ class PosedSequences(SequenceDataset):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence with the camera that clips show."""
 
-    def _read(self, name: str, folder: Path, load: Load) -> Recording:
-        return self.scan(folder, RAISE).recording(
-            name, folder, load, self.camera_height_m
+    def _read(self, name: str, folder: Path) -> Recording:
+        return self._recording(name, folder, self.scan(folder, RAISE))
+
+    def _recording(self, name: str, folder: Path, scan: Scan) -> Recording:
+        """Return a scanned sequence for clips, without the images that lack a pose."""
+        numbers = scan.posed
+        if not scan.cameras:
+            raise BadData(
+                f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]"
+            )
+        if not len(numbers):
+            raise BadData(
+                f"{folder}: none of {len(scan.images)} images has a pose: give images and poses "
+                "that match"
+            )
+
+        def posed(values: Sequence[Any]) -> tuple[Any, ...]:
+            return tuple(values[number] for number in numbers)
+
+        times_s = scan.times_s[numbers]
+        cameras = posed(scan.cameras)
+        sizes_px = tuple(camera.size_px for camera in cameras)
+        view = common_pinhole(cameras, folder)
+        load = scan.load or self._load
+        images = FrameFiles(posed(scan.images), sizes_px, load)
+        trajectory = None
+        if scan.world_from_cam is not None:
+            poses = scan.world_from_cam[numbers]
+            trajectory = Trajectory(poses, times_s, scan.is_metric)
+        depths = None
+        if scan.depths is not None:
+            maps = FrameFiles(posed(scan.depths), sizes_px, frames.read_depth)
+            depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
+        return Recording(
+            name,
+            UndistortedFrames(images, cameras, view),
+            times_s,
+            view,
+            trajectory,
+            self.camera_height_m,
+            depths=depths,
+            breaks=scan.breaks,
         )
