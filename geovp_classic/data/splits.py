@@ -12,15 +12,17 @@ from geovp_classic import files
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData, nearest
 
+FOLDER = Path(__file__).with_name("named_splits")
+
 
 def names() -> list[str]:
     """Return the names of the splits that come with the package, sorted."""
-    return sorted(file.stem for file in _folder().glob("*.toml"))
+    return sorted(file.stem for file in FOLDER.glob("*.toml"))
 
 
 def load(name: str) -> tuple[FrameRange, ...]:
     """Return the ranges of a named split, or of a file if the name ends in .toml."""
-    path = _folder() / f"{name}.toml"
+    path = FOLDER / f"{name}.toml"
     if name.endswith(".toml"):
         path = Path(name).expanduser()
     elif name not in names():
@@ -40,7 +42,3 @@ def load(name: str) -> tuple[FrameRange, ...]:
 def content_hash(ranges: Iterable[FrameRange]) -> str:
     """Return the SHA-256 of the ranges in their order, one a line, as `FrameRange` writes them."""
     return hashlib.sha256("\n".join(map(str, ranges)).encode()).hexdigest()
-
-
-def _folder() -> Path:
-    return Path(__file__).with_name("named_splits")
