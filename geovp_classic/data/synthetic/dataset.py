@@ -1,12 +1,11 @@
 """The synthetic data set: clips of drives through synthetic streets."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.random import Generator
 
+from geovp_classic.data.frames import Array
 from geovp_classic.data.synthetic.rendering import Optics, render_drive
 from geovp_classic.data.synthetic.roads import Journey, world_from_vehicle
 from geovp_classic.data.synthetic.street import MANOEUVRES, build_street
@@ -20,8 +19,6 @@ from geovp_classic.types import (
     Intrinsics,
     Trajectory,
 )
-
-Image = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -162,7 +159,7 @@ class Synthetic(Optics):
         return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def _middle(images: Image, width_px: int) -> Image:
+def _middle(images: Array, width_px: int) -> Array:
     """Return the middle columns of images [T, H, W, ...]."""
     left_px = (images.shape[2] - width_px) // 2
     return images[:, :, left_px : left_px + width_px]
