@@ -10,7 +10,7 @@ import numpy as np
 
 from geovp_benchmarks.audit.contracts.outputs import Trial, arrays, equal, require
 from geovp_classic import registry
-from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Clip, PrivilegedInput
 
