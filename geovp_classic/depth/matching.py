@@ -60,18 +60,24 @@ class WindowCorrelation:
 
         def match(first: int) -> None:
             rows = costs[first : first + ROWS_PER_TASK]
+            last = first + len(rows)
+            top = max(first - RADIUS_PX, 0)
+            from_band = homographies.copy()
+            from_band[..., 2] += top * from_band[..., 1]
             planes = np.empty((num_planes, *rows.shape[:2]), np.uint8)
-            _match_rows(
-                windows,
+            _match_band(
+                windows[0, top : last + RADIUS_PX],
+                windows[1, first:last],
+                windows[2, first:last],
                 images,
-                homographies,
+                from_band.astype(np.float32),
                 is_short,
                 self.short_stride,
                 np.float32(self.noise_variance),
                 np.float32(255 - self.max_near_cost),
                 np.uint8(self.unseen_cost),
                 near_costs,
-                first,
+                first - top,
                 planes,
             )
             # OpenCV transposes in blocks, ten times as fast as NumPy.
@@ -128,85 +134,62 @@ def _neighbourhoods(
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _match_rows(
-    windows: FloatArray,  # [3, H, W], of the reference
+def _match_band(
+    reference: FloatArray,  # [B, W], rows that stay in the processor's cache
+    window_mean: FloatArray,  # [R, W], of the reference
+    inverse_deviation: FloatArray,  # [R, W], of the reference
     images: PackedArray,  # [S, H, W], the sources
-    homographies: FloatArray,  # [N, S, 3, 3], from the reference to a source
+    source_from_band: FloatArray,  # [N, S, 3, 3]
     is_short: BoolArray,  # [S]
     short_stride: int,
     noise_variance: np.float32,
     max_cost: np.float32,
     unseen_cost: np.uint8,
     near_costs: CostArray,  # [N]
-    first: int,  # row
+    first: int,  # of the scored rows, in the band
     costs: CostArray,  # [N, R, W], written
 ) -> None:
-    """Write the costs of the rows from the first one, which stay in the processor's cache."""
+    """Write the costs of the rows of a band."""
     num_planes, num_rows, width = costs.shape
-    zeros = np.zeros((2, num_rows, width), np.float32)
-    before = zeros.copy()
-    after = zeros.copy()
-    scores = zeros.copy()
-    is_long = ~is_short
-    _add_plane(
-        windows, images, homographies[0], is_short, noise_variance, first, after
-    )
-    for plane in range(num_planes):
+    shape = (2, num_rows, width)
+    warped = np.empty(reference.shape, np.float32)
+    is_seen = np.empty(reference.shape, np.float32)
+    after = np.zeros(shape, np.float32)
+    for plane in range(-short_stride, num_planes):
         step = plane % short_stride
         if step == 0:
-            before[:] = after
-            after[:] = zeros
-            end = homographies[min(plane + short_stride, num_planes - 1)]
-            _add_plane(
-                windows, images, end, is_short, noise_variance, first, after
-            )
-        weight = np.float32(step / short_stride)
-        scores[:] = before + weight * (after - before)
-        _add_plane(
-            windows,
-            images,
-            homographies[plane],
-            is_long,
-            noise_variance,
-            first,
-            scores,
-        )
-        _write_mean_costs(
-            scores, max_cost, unseen_cost, near_costs[plane], costs[plane]
-        )
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _add_plane(
-    windows: FloatArray,  # [3, H, W]
-    images: PackedArray,  # [S, H, W]
-    homographies: FloatArray,  # [S, 3, 3]
-    is_used: BoolArray,  # [S]
-    noise_variance: np.float32,
-    first: int,
-    scores: FloatArray,  # [2, R, W], added to
-) -> None:
-    """Add the scores of some of the sources on one plane."""
-    last = first + scores.shape[1]
-    top = max(first - RADIUS_PX, 0)
-    bottom = min(last + RADIUS_PX, windows.shape[1])
-    warped = np.empty((bottom - top, windows.shape[2]), np.float32)
-    is_seen = np.empty(warped.shape, np.float32)
-    for s in range(len(images)):
-        if is_used[s]:
-            homography = homographies[s].copy()
-            homography[:, 2] += top * homography[:, 1]
-            source_from_band = homography.astype(np.float32)
-            _warp(images[s], source_from_band, warped, is_seen)
+            before = after
+            after = np.zeros(shape, np.float32)
+        scores = np.zeros(shape, np.float32)
+        for s in range(len(images)):
+            compared = plane
+            summed = scores
+            if is_short[s]:
+                compared = min(plane + short_stride, num_planes - 1)
+                summed = after
+            if compared < 0 or (is_short[s] and step > 0):
+                continue
+            _warp(images[s], source_from_band[compared, s], warped, is_seen)
             _add_scores(
-                windows[0, top:bottom],
-                windows[1, first:last],
-                windows[2, first:last],
+                reference,
+                window_mean,
+                inverse_deviation,
                 warped,
                 is_seen,
                 noise_variance,
-                first - top,
+                first,
+                summed,
+            )
+        if plane >= 0:
+            _write_mean_costs(
                 scores,
+                before,
+                after,
+                np.float32(step / short_stride),
+                max_cost,
+                unseen_cost,
+                near_costs[plane],
+                costs[plane],
             )
 
 
@@ -267,26 +250,32 @@ def _warp(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _write_mean_costs(
-    scores: FloatArray,  # [2, H, W]
+    scores: FloatArray,  # [2, R, W]
+    before: FloatArray,  # [2, R, W], of short baselines on the planes around this one
+    after: FloatArray,  # [2, R, W]
+    weight: np.float32,  # of the plane after this one
     max_cost: np.float32,
     unseen_cost: np.uint8,
     near_cost: np.uint8,
-    costs: CostArray,  # [H, W], written
+    costs: CostArray,  # [R, W], written
 ) -> None:
     """Write the mean costs of the sources that see a pixel."""
     for row in range(costs.shape[0]):
         for x in range(costs.shape[1]):
-            count = scores[1, row, x]
-            cost = max_cost * scores[0, row, x] / max(count, np.float32(1e-6))
+            score = before[0, row, x]
+            score += weight * (after[0, row, x] - score) + scores[0, row, x]
+            count = before[1, row, x]
+            count += weight * (after[1, row, x] - count) + scores[1, row, x]
+            cost = max_cost * score / max(count, np.float32(1e-6))
             mean = np.uint8(cost) if count > 0 else unseen_cost
             costs[row, x] = mean + near_cost
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _add_scores(
-    reference: FloatArray,  # [B, W], a band of rows
-    window_mean: FloatArray,  # [R, W], of the reference
-    inverse_deviation: FloatArray,  # [R, W], of the reference
+    reference: FloatArray,  # [B, W]
+    window_mean: FloatArray,  # [R, W]
+    inverse_deviation: FloatArray,  # [R, W]
     warped: FloatArray,  # [B, W], source image
     is_seen: FloatArray,  # [B, W], 1 where the source sees a pixel, else 0
     noise_variance: np.float32,
