@@ -271,8 +271,8 @@ async def served(
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome on the PATH")
 def test_the_page_in_a_browser(tmp_path: Path) -> None:
     """Views arrive and change, a blackout raises the warning, and a restart is survived."""
-    frames = street.clip(num_frames=100).frames.copy()
-    frames[80:] = 0  # eight seconds are enough for a busy machine
+    frames = street.clip(num_frames=70).frames.copy()
+    frames[50:] = 0  # five seconds are enough for a busy machine
     listener = server.listen("127.0.0.1", 0)
     port = listener.getsockname()[1]
     warning = "document.getElementById('warning')"

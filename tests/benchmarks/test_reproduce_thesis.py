@@ -19,7 +19,7 @@ pytest.importorskip(
 ROWS = ("svg-1", "svg-100", "gt-3d+ground-far-plane", "copy-last")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The two test sequences of `thesis-like-test`, one clip of 30 frames each, of two different
     streets.
@@ -34,7 +34,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     out = tmp_path_factory.mktemp("out")
     words = ["reproduce", "thesis", "--root", str(root), "--out", str(out), "--limit", "2"]
@@ -47,23 +47,19 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
         return cli.main([*words, "--methods", *ROWS]), Results(out)
 
 
-def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
-    shared = done[1].protocol()
+def test_the_protocol_and_the_published_block_are_the_thesiss(done: tuple[int, Results]) -> None:
+    code, results = done
+    assert code == 0
+    shared = results.protocol()
     assert (shared["num_past"], shared["num_future"], shared["size_px"]) == (10, 20, [256, 256])
     assert shared["clips"] == ["07/000000", "10/000000"]
-    assert {method.name: (method.status, method.num_samples) for method in done[1].methods()} == {
+    assert {method.name: (method.status, method.num_samples) for method in results.methods()} == {
         "svg-1": ("done", 1),
         "svg-100": ("done", 2),
         "gt-3d+ground-far-plane": ("done", 1),
         "copy-last": ("done", 1),
     }
 
-
-def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
-    done: tuple[int, Results],
-) -> None:
-    code, results = done
-    assert code == 0
     ours, published = (
         (results.tables / f"{name}.md").read_text() for name in ("thesis", "thesis-published")
     )

@@ -22,8 +22,7 @@ copy-last = { name = "copy-last" }
 [metrics]
 frame = ["psnr"]
 """
-UNREADABLE = ("2>&-", ">&-", ">&- 2>&-", "2>&1 | head -1", "2>/dev/full")
-FULL = (">/dev/full", ">/dev/full 2>&1")
+UNREADABLE = ("2>&-", "2>&1 | head -1", "2>/dev/full")
 
 
 def geovp(words: str, streams: str, folder: Path) -> int:
@@ -54,9 +53,8 @@ def test_a_report_is_written_although_nobody_reads(folder: Path) -> None:
     assert (folder / "results" / "report.html").is_file()
 
 
-@pytest.mark.parametrize("streams", FULL)
-def test_a_full_disk_under_the_output_is_an_error(streams: str, folder: Path) -> None:
-    assert geovp("run matrix.toml --out results --no-report", streams, folder) == 2
+def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
+    assert geovp("run matrix.toml --out results --no-report", ">/dev/full", folder) == 2
 
 
 @pytest.mark.parametrize("streams", ["2>&-", "2>&1 | head -1"])
