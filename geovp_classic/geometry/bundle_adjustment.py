@@ -73,18 +73,6 @@ class Bundle:
         by_depth = (by_location @ translations[..., None])[..., 0]
         return errors, by_camera, by_depth
 
-    def moved(
-        self,
-        camera_step: FloatArray,  # [K, 6]
-        depth_step: FloatArray,  # [N]
-    ) -> "Bundle":
-        """Return the bundle after a step of the cameras and of the inverse depths."""
-        return replace(
-            self,
-            cam_from_world=se3.exp(camera_step) @ self.cam_from_world,
-            inverse_depths=np.maximum(self.inverse_depths + depth_step, 0),
-        )
-
 
 @dataclass(frozen=True)
 class PosePrior:
@@ -135,65 +123,58 @@ class BundleAdjustment:
                 if is_converged:
                     break
                 weights = 1 / (1 + squares) / self.error_scale_px**2
-                normal = NormalEquations.of(
-                    errors, by_camera, by_depth, weights
+                system = (
+                    errors,
+                    by_camera,
+                    by_depth,
+                    weights,
+                    curvature,
+                    gradient,
                 )
-                twist = np.arange(6)
-                normal.cameras[:, twist, twist] += curvature
-                normal.camera_gradient[...] += gradient
                 damping /= self.damping_factor
             else:
                 damping *= self.damping_factor**2
-            bundle = best.moved(*normal.solve(damping))
+            camera_step, depth_step = damped_step(*system, damping)
+            bundle = replace(
+                best,
+                cam_from_world=se3.exp(camera_step) @ best.cam_from_world,
+                inverse_depths=np.maximum(best.inverse_depths + depth_step, 0),
+            )
         return best
 
 
-@dataclass(frozen=True)
-class NormalEquations:
-    """Curvature and gradient of the cost by the cameras and the inverse depths."""
+def damped_step(
+    errors: FloatArray,  # [K, N, 2]
+    by_camera: FloatArray,  # [K, N, 2, 6]
+    by_depth: FloatArray,  # [K, N, 2]
+    weights: FloatArray,  # [K, N]
+    prior_curvature: FloatArray,  # [K, 6]
+    prior_gradient: FloatArray,  # [K, 6]
+    damping: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the steps of the cameras [K, 6] and the inverse depths [N] by the normal equations.
 
-    cameras: FloatArray  # [K, 6, 6]
-    camera_gradient: FloatArray  # [K, 6]
-    depths: FloatArray  # [N]
-    depth_gradient: FloatArray  # [N]
-    mixed: FloatArray  # [N, K * 6]
+    A larger diagonal makes the equations regular.
+    """
+    num_cameras, num_points, *_ = errors.shape
+    jacobian = by_camera.reshape(num_cameras, -1, 6)
+    weighted = (weights[..., None, None] * by_camera).reshape(jacobian.shape)
+    transposed = np.swapaxes(weighted, -1, -2)  # [K, 6, 2 N]
+    gradients = (transposed @ errors.reshape(num_cameras, -1, 1))[..., 0]
+    identity = np.eye(6)
+    cameras = transposed @ jacobian + prior_curvature[..., None] * identity
+    cameras = cameras * (1 + damping * identity) + 1e-12 * identity
 
-    @classmethod
-    def of(
-        cls,
-        errors: FloatArray,  # [K, N, 2]
-        by_camera: FloatArray,  # [K, N, 2, 6]
-        by_depth: FloatArray,  # [K, N, 2]
-        weights: FloatArray,  # [K, N]
-    ) -> "NormalEquations":
-        """Return the normal equations of weighted errors."""
-        num_cameras, num_points, *_ = errors.shape
-        cameras = by_camera.reshape(num_cameras, -1, 6)
-        weighted = (weights[..., None, None] * by_camera).reshape(cameras.shape)
-        transposed = np.swapaxes(weighted, -1, -2)  # [K, 6, 2 N]
-        camera_errors = errors.reshape(num_cameras, -1, 1)
-        depth = weights[..., None] * by_depth
-        mixed = np.einsum("kna,knaj->nkj", depth, by_camera)
-        return cls(
-            cameras=transposed @ cameras,
-            camera_gradient=(transposed @ camera_errors)[..., 0],
-            depths=(depth * by_depth).sum(axis=(0, 2)),
-            depth_gradient=(depth * errors).sum(axis=(0, 2)),
-            mixed=mixed.reshape(num_points, -1),
-        )
+    depth = weights[..., None] * by_depth
+    curvatures = (depth * by_depth).sum(axis=(0, 2)) * (1 + damping) + 1e-12
+    depth_gradients = (depth * errors).sum(axis=(0, 2))
+    mixed = np.einsum("kna,knaj->nkj", depth, by_camera)
+    mixed = mixed.reshape(num_points, -1)
 
-    def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Return the steps of the cameras [K, 6] and inverse depths [N].
-
-        A larger diagonal makes the equations regular.
-        """
-        depths = self.depths * (1 + damping) + 1e-12
-        eliminated = self.mixed / depths[:, None]
-        identity = np.eye(6)
-        cameras = self.cameras * (1 + damping * identity) + 1e-12 * identity
-        curvature = block_diag(*cameras) - eliminated.T @ self.mixed
-        gradient = self.camera_gradient.ravel()
-        gradient = gradient - eliminated.T @ self.depth_gradient
-        step = -np.linalg.solve(curvature, gradient)
-        depth_step = -(self.depth_gradient + self.mixed @ step) / depths
-        return step.reshape(-1, 6), depth_step
+    eliminated = (mixed / curvatures[:, None]).T
+    step = -np.linalg.solve(
+        block_diag(*cameras) - eliminated @ mixed,
+        (gradients + prior_gradient).ravel() - eliminated @ depth_gradients,
+    )
+    depth_step = -(depth_gradients + mixed @ step) / curvatures
+    return step.reshape(-1, 6), depth_step

@@ -58,8 +58,9 @@ def test_derivatives_are_those_of_the_errors() -> None:
     size = 1e-6
 
     def errors(step: FloatArray) -> FloatArray:
-        cameras = np.tile(step[:6], (3, 1))
-        return bundle.moved(cameras, np.full(len(bundle.rays), step[6])).linearise()[0]
+        poses = se3.exp(step[:6]) @ bundle.cam_from_world
+        depths = bundle.inverse_depths + step[6]
+        return replace(bundle, cam_from_world=poses, inverse_depths=depths).linearise()[0]
 
     for k, step in enumerate(size * np.eye(7)):
         numerical = (errors(step) - errors(-step)) / (2 * size)
