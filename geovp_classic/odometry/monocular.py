@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 
 import numpy as np
@@ -65,22 +65,18 @@ class Monocular:
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]
         corners = parallel_map(self.tracking.corners.detect, greys)
-        images = [
-            Image(*image)
-            for image in zip(greys, corners, times_s[steps], strict=True)
-        ]
+        images = list(map(Image, greys, corners, times_s[steps]))
 
         # Track
         path = self._track_images(images, view.intrinsics)
         is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
         if is_measured.sum() >= 2:
             path = path.select(is_measured)
-            images = [images[index] for index in np.flatnonzero(is_measured)]
             steps = steps[is_measured]
 
         # Scale
         estimator = self.fit_scale(
-            images, path, view.intrinsics, context.camera_height_m
+            path, view.intrinsics, context.camera_height_m
         )
 
         # Bridge
@@ -145,35 +141,24 @@ class Monocular:
         """Track the images of a clip, and adjust all of them together."""
         tracker = track_clip(self.tracking, images, intrinsics)
         tracker.map.adjust(num_fixed=1)
-        return Path(*tracker.poses())
+        return Path(images, *tracker.poses())
 
     def fit_scale(
-        self,
-        images: list[Image],
-        path: Path,
-        intrinsics: Intrinsics,
-        height_m: float | None,
+        self, path: Path, intrinsics: Intrinsics, height_m: float | None
     ) -> ScaleEstimator:
         """Measure the scale with every image and an earlier one.
 
         This is the one before it, unless the camera is too slow.
         """
-        steps = se3.steps(path.world_from_cam)
-        is_tracked = path.tracked[:-1] & path.tracked[1:]
-        pitch_rad = planar.travel_pitch_rad(steps[is_tracked, :3, 3])
-        mean_step = path.length / max(len(steps), 1)
-        duration_s = images[-1].time_s - images[0].time_s
+        mean_step = path.length / max(len(path.images) - 1, 1)
         best: ScaleEstimator | None = None
         for stride in self.scale_strides:
-            estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
-            for now in range(stride, len(images)):
-                before = now - stride
-                if path.tracked[before] and path.tracked[now]:
-                    poses = path.world_from_cam
-                    before_from_now = se3.inverse(poses[before]) @ poses[now]
-                    greys = (images[before].grey, images[now].grey)
-                    estimator.update(*greys, before_from_now)
-            estimator.finalize(path.length, duration_s)
+            estimator = self.scale.estimator(
+                intrinsics, height_m, path.pitch_rad
+            )
+            for now in range(stride, len(path.images)):
+                path.measure(estimator, now - stride, now)
+            estimator.finalize(path.length, path.duration_s)
             is_measured = estimator.uncertainty < self.max_uncertainty
             if best is None or is_measured:
                 best = estimator
@@ -204,8 +189,9 @@ class Monocular:
 
 @dataclass(frozen=True)
 class Path:
-    """Tracked path of the images of a clip, in an arbitrary unit."""
+    """Tracked path of images, in an arbitrary unit."""
 
+    images: list[Image]  # P
     world_from_cam: FloatArray  # [P, 4, 4]
     tracked: BoolArray  # [P]
 
@@ -214,12 +200,30 @@ class Path:
         """Return the sum of the steps."""
         return float(se3.step_lengths(self.world_from_cam).sum())
 
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first to the last image."""
+        return self.images[-1].time_s - self.images[0].time_s
+
+    @property
+    def pitch_rad(self) -> float:
+        """Return the mean angle of the viewing axis above the direction of travel."""
+        steps = se3.steps(self.world_from_cam)
+        is_tracked = self.tracked[:-1] & self.tracked[1:]
+        return planar.travel_pitch_rad(steps[is_tracked, :3, 3])
+
+    def measure(self, estimator: ScaleEstimator, before: int, now: int) -> None:
+        """Update an estimate of the scale with two of the images if both were tracked."""
+        if self.tracked[before] and self.tracked[now]:
+            poses = self.world_from_cam
+            before_from_now = se3.inverse(poses[before]) @ poses[now]
+            greys = self.images[before].grey, self.images[now].grey
+            estimator.update(*greys, before_from_now)
+
     def select(self, mask: BoolArray) -> Path:
         """Return the path through some of the images [P]."""
-        selected = self.world_from_cam[mask]
-        return replace(
-            self, world_from_cam=selected, tracked=self.tracked[mask]
-        )
+        images = [self.images[index] for index in np.flatnonzero(mask)]
+        return Path(images, self.world_from_cam[mask], self.tracked[mask])
 
 
 def longest_segment(

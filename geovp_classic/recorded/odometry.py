@@ -82,9 +82,9 @@ class RecordedOdometry:
             for grey, time_s in zip(view.greys, times_s, strict=True)
         ]
         odometry = Monocular(self.scale)
-        path = monocular.Path(world_from_cam, tracked & view.is_usable)
+        path = monocular.Path(images, world_from_cam, tracked & view.is_usable)
         estimator = odometry.fit_scale(
-            images, path, view.intrinsics, context.camera_height_m
+            path, view.intrinsics, context.camera_height_m
         )
         world_from_cam[:, :3, 3] *= estimator.unit
         return odometry.trajectory(

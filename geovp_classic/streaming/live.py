@@ -169,9 +169,7 @@ class LivePredictor:
             scene = self._predictor.reconstruct(observed, past)
         with _timed("forecast", seconds):
             times_s, futures = self._forecast(past)
-        steps = se3.steps(past.world_from_cam)[tracked[:-1] & tracked[1:]]
-        pitch_rad = planar.travel_pitch_rad(steps[:, :3, 3])
-        plane = planar.level_vehicle_from_cam(pitch_rad)
+        plane = planar.level_vehicle_from_cam(odometry.path.pitch_rad)
         present = _Present(scene, past, tracked, times_s, futures, plane)
         self._state = _State(added, False, present)
         return PushReport(status, seconds)

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import ScaleEstimator
-from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.monocular import Monocular, Path
 from geovp_classic.odometry.tracking import Image, Tracker
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
-    FloatArray,
     Intrinsics,
     Trajectory,
 )
@@ -54,51 +52,44 @@ class StreamOdometry:
         tracker.forget(self._num_frames)
         self._images = [*self._images, image][-self._num_frames :]
 
+    @property
+    def path(self) -> Path:
+        """Return the path through the last frames, in an arbitrary unit."""
+        return Path(self._images, *self._tracker.poses())
+
     def measure_scale(self) -> None:
         """Measure the scale with the newest image; with all images at first, or after a restart."""
-        poses, tracked = self._tracker.poses()
-        if len(self._images) < self._min_frames:
+        path = self.path
+        num_images = len(path.images)
+        if num_images < self._min_frames:
             return
-        is_restarted = self._tracker.num_starts != self._num_starts
-        self._num_starts = self._tracker.num_starts
-        first = len(self._images) - 1
-        if self._scale is None or is_restarted:
-            steps = se3.steps(poses)
-            is_tracked = tracked[:-1] & tracked[1:]
-            pitch_rad = planar.travel_pitch_rad(steps[is_tracked, :3, 3])
+        first = num_images - 1
+        num_starts = self._tracker.num_starts
+        if self._scale is None or num_starts != self._num_starts:
+            self._num_starts = num_starts
             self._scale = self.settings.scale.estimator(
-                self.camera, self._height_m, pitch_rad
+                self.camera, self._height_m, path.pitch_rad
             )
             first = 1
-        for now in range(first, len(self._images)):
-            self._measure(self._scale, now, poses, tracked)
-        times_s = [image.time_s for image in self._images]
-        length = float(se3.step_lengths(poses).sum())
-        self._scale.finalize(length, times_s[-1] - times_s[0])
+        for now in range(first, num_images):
+            before = self._far_enough(path, now, self._scale.unit)
+            path.measure(self._scale, before, now)
+        self._scale.finalize(path.length, path.duration_s)
 
-    def _measure(
-        self,
-        scale: ScaleEstimator,
-        now: int,
-        poses: FloatArray,
-        tracked: BoolArray,
-    ) -> None:
-        """Measure with an image and the nearest earlier one that is far enough away."""
-        min_baseline_m = self.settings.min_baseline_heights * (
-            self._height_m or 0.0
-        )
+    def _far_enough(self, path: Path, now: int, unit: float) -> int:
+        """Return the nearest image before another one that is far enough away for the scale."""
+        settings = self.settings
+        min_baseline_m = settings.min_baseline_heights * (self._height_m or 0.0)
+        positions = path.world_from_cam[:, :3, 3]
         before = now - 1
-        for stride in self.settings.scale_strides:
+        for stride in settings.scale_strides:
             if stride > now:
                 break
             before = now - stride
-            baseline = np.linalg.norm(poses[now, :3, 3] - poses[before, :3, 3])
-            if baseline * scale.unit > min_baseline_m:
+            baseline = np.linalg.norm(positions[now] - positions[before])
+            if baseline * unit > min_baseline_m:
                 break
-        if tracked[before] and tracked[now]:
-            before_from_now = se3.inverse(poses[before]) @ poses[now]
-            greys = self._images[before].grey, self._images[now].grey
-            scale.update(*greys, before_from_now)
+        return before
 
     def past(self) -> tuple[Trajectory, BoolArray]:
         """Return the trajectory of the last frames [P], and which were tracked [P]."""

@@ -206,14 +206,14 @@ def test_a_sequence_is_tracked_in_a_window(drive: Film, camera: Intrinsics) -> N
 class Scripted(Monocular):
     """An odometry that tracks a given path."""
 
-    path: Path | None = None
+    path: tuple[FloatArray, BoolArray] | None = None  # poses, and which are tracked
 
     def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
         assert self.path is not None
-        return self.path
+        return Path(images, *self.path)
 
 
-def scripted(path: Path) -> tuple[Trajectory, BoolArray]:
+def scripted(path: tuple[FloatArray, BoolArray]) -> tuple[Trajectory, BoolArray]:
     """Return the result of an odometry that tracks this path of ten random images."""
     brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
     frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
@@ -230,7 +230,7 @@ def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], res
     poses[list(lost)] = truth[0]
     tracked[list(lost)] = False
     poses[max(lost) + 1 :] = se3.inverse(truth[restart]) @ truth[max(lost) + 1 :]
-    trajectory, marks = scripted(Path(poses, tracked.copy()))
+    trajectory, marks = scripted((poses, tracked.copy()))
     tracked[0] = restart == 0
     np.testing.assert_array_equal(marks, tracked)
     motion = steps(trajectory.world_from_cam)
