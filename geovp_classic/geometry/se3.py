@@ -113,10 +113,7 @@ def orthonormalised(
 
 def cross_matrix(vector: FloatArray) -> FloatArray:
     """Return [v]x [..., 3, 3] of vectors [..., 3], with [v]x u = v x u."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
-    return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    return np.cross(np.eye(3), vector[..., None, :])
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 
@@ -46,8 +47,7 @@ def reprojection_errors(
 
     They are NaN where a ray or a point is.
     """
-    points_cam = points @ np.swapaxes(cam_from_world[..., :3, :3], -1, -2)
-    points_cam += cam_from_world[..., None, :3, 3]
+    points_cam = se3.transform(cam_from_world, points)
     depth = points_cam[..., 2]
     in_front = np.maximum(depth, 1e-6)[..., None]
     errors = np.linalg.norm(points_cam[..., :2] / in_front - rays, axis=-1)
