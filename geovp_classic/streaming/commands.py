@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import planar
+from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 
@@ -39,13 +40,11 @@ def commanded_poses(
     nodes_s = nodes_s[nodes_s <= times_s[-1]]
     in_force = np.searchsorted(begins_s, nodes_s[:-1], side="right") - 1
     valid = [commands[max(index, 0)] for index in in_force]
-    speed = np.array([command.speed_m_s for command in valid])
-    rate = np.array([command.yaw_rate_rad_s for command in valid])
-    durations_s = np.diff(nodes_s)
-    yaw = np.concatenate([[0.0], np.cumsum(rate * durations_s)])
-    chord = speed * durations_s * np.sinc(rate * durations_s / (2 * np.pi))
-    middle = (yaw[1:] + yaw[:-1]) / 2
-    x = np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))])
-    z = np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))])
-    states = np.stack([x, z, yaw], axis=-1)[np.searchsorted(nodes_s, times_s)]
-    return planar.lift(states, world_from_last, vehicle_from_cam)
+    twists_per_s = np.zeros((len(valid), 6))  # of the vehicle
+    twists_per_s[:, 2] = [command.speed_m_s for command in valid]
+    twists_per_s[:, 4] = [command.yaw_rate_rad_s for command in valid]
+    arcs = se3.exp(twists_per_s * np.diff(nodes_s)[:, None])
+    nodes = list(accumulate(arcs, np.matmul, initial=np.eye(4)))
+    start_from_vehicle = np.stack(nodes)[np.searchsorted(nodes_s, times_s)]
+    last_from_vehicle = se3.inverse(vehicle_from_cam) @ start_from_vehicle
+    return world_from_last @ last_from_vehicle @ vehicle_from_cam
