@@ -2,7 +2,6 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -106,26 +105,27 @@ class GroundPlaneEstimator:
         self.uncertainty = np.inf
         self.pitch_rad = pitch_rad
         self.roll_rad = 0.0
-        # one per update
-        self._measurements: deque[Measurement] = deque(
+        # one per update: the logarithm of a height (NaN: none), its deviation, and the relative
+        # step of the walk to it
+        self._measurements: deque[tuple[float, float, float]] = deque(
             maxlen=settings.max_pairs
         )
         self._recent: list[float] = []  # logarithms of measured heights
         self._num_measured = 0
         self._num_missed = 0  # in a row
         self._is_restarted = False
-        self._camera = camera
         self._pixels = settings.road.samples(
-            camera, level_plane(1.0, pitch_rad)
+            camera, level_plane(pitch_rad)
         )  # [N, 2]
-        self._top_px = 0  # of the rows that show the road
-        if len(self._pixels):
-            self._top_px = max(0, int(self._pixels[:, 1].min()) - 24)
-            self._pixels[:, 1] -= self._top_px
-            height_px = camera.height_px - self._top_px
-            self._camera = camera.cropped(
-                0, self._top_px, camera.width_px, height_px
-            )
+        top_px = self._pixels[:, 1].min(initial=camera.height_px)
+        self._top_px = max(
+            0, int(top_px) - 24
+        )  # of the rows that show the road
+        self._pixels[:, 1] -= self._top_px
+        height_px = camera.height_px - self._top_px
+        self._camera = camera.cropped(
+            0, self._top_px, camera.width_px, height_px
+        )
 
     def finalize(self, length: float, duration_s: float) -> None:
         """Fit the walk, or assume the prior's median speed if no road was found."""
@@ -139,8 +139,15 @@ class GroundPlaneEstimator:
             )
             self.units = self.camera_height_m / np.exp(log_heights)
             self.unit = float(np.exp(np.log(self.units).mean()))
-        if self.uncertainty > MIN_SPREAD:
-            self._assume(length, duration_s)
+        if self.uncertainty <= MIN_SPREAD:
+            return
+        prior = self.settings.prior
+        self.unit = 1.0
+        self.uncertainty = np.inf
+        if prior is not None and length > 0:
+            self.unit = prior.median_m_s * duration_s / length
+            self.uncertainty = prior.spread
+        self.units = np.full(len(self._measurements), self.unit)
 
     def restart(self) -> None:
         """Forget the height after a change of the odometry's unit; keep pitch and roll."""
@@ -169,7 +176,7 @@ class GroundPlaneEstimator:
         )
         measured = self._measure(pair)
         if measured is None:
-            self._measurements.append(Measurement(np.nan, np.inf, step_ratio))
+            self._measurements.append((np.nan, np.inf, step_ratio))
             self._num_missed += 1
             if self._num_missed > settings.max_missed:
                 self._recent = []
@@ -179,9 +186,7 @@ class GroundPlaneEstimator:
         deviation = turn_ratio * np.hypot(
             settings.error, settings.alignment_error_ratio * measured.deviation
         )
-        self._measurements.append(
-            Measurement(log_height, float(deviation), step_ratio)
-        )
+        self._measurements.append((log_height, float(deviation), step_ratio))
         self._recent = [*self._recent, log_height][-settings.num_recent :]
         self._num_missed = 0
         self._num_measured += 1
@@ -209,7 +214,7 @@ class GroundPlaneEstimator:
         log_heights = log_height + np.arange(
             -width, width, self.settings.search_step
         )
-        expected = level_plane(1.0, self.pitch_rad, self.roll_rad)
+        expected = level_plane(self.pitch_rad, self.roll_rad)
         planes = expected / np.exp(log_heights)[:, None]
         start, correlation = road.search(pair, self._pixels, planes)
         if correlation < road.min_correlation:
@@ -229,7 +234,7 @@ class GroundPlaneEstimator:
         pitches_deg = (0.0,) if self._num_measured else settings.pitches_deg
         for offset_rad in np.radians(pitches_deg):
             pitch_rad = self.pitch_rad + offset_rad
-            planes = level_plane(1.0, pitch_rad, self.roll_rad)
+            planes = level_plane(pitch_rad, self.roll_rad)
             planes = planes / heights[:, None]
             plane, correlation = settings.road.search(
                 pair, self._pixels, planes
@@ -240,24 +245,6 @@ class GroundPlaneEstimator:
             if correlation > settings.sufficient_correlation:
                 break
         return best
-
-    def _assume(self, length: float, duration_s: float) -> None:
-        """Assume the prior's median speed, if there is a prior."""
-        prior = self.settings.prior
-        self.unit = 1.0
-        self.uncertainty = np.inf
-        if prior is not None and length > 0:
-            self.unit = prior.median_m_s * duration_s / length
-            self.uncertainty = prior.spread
-        self.units = np.full(len(self._measurements), self.unit)
-
-
-class Measurement(NamedTuple):
-    """The logarithm of a height (NaN: none), its deviation, and the walk's relative step to it."""
-
-    log_height: float
-    deviation: float
-    step_ratio: float
 
 
 def pitch(plane: FloatArray) -> float:

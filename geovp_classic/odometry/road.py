@@ -229,15 +229,12 @@ def _tilt_information(plane: FloatArray, tilt_rad: float) -> FloatArray:
     return (across / tilt_rad**2 + any_height) / size2
 
 
-def level_plane(
-    height: float, pitch_rad: float = 0.0, roll_rad: float = 0.0
-) -> FloatArray:
-    """Return the plane m [3] under a camera that looks up by the pitch.
+def level_plane(pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
+    """Return the plane m [3] at height 1 under a camera that looks up by the pitch.
 
     A positive roll turns the camera clockwise.
     """
-    level_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
-    return level_from_cam[1, :3] / height
+    return planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3]
 
 
 def sample(

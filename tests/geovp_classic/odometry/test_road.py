@@ -11,14 +11,14 @@ ROAD = RoadAligner()
 
 
 def test_a_level_plane_by_hand() -> None:
-    np.testing.assert_allclose(level_plane(2.0), [0, 0.5, 0])
+    np.testing.assert_allclose(level_plane() / 2, [0, 0.5, 0])
     # looking 0.1 rad up, the normal points down and backwards
-    np.testing.assert_allclose(level_plane(1.0, pitch_rad=0.1), [0, np.cos(0.1), -np.sin(0.1)])
-    np.testing.assert_allclose(level_plane(1.0, roll_rad=0.1), [np.sin(0.1), np.cos(0.1), 0])
+    np.testing.assert_allclose(level_plane(pitch_rad=0.1), [0, np.cos(0.1), -np.sin(0.1)])
+    np.testing.assert_allclose(level_plane(roll_rad=0.1), [np.sin(0.1), np.cos(0.1), 0])
 
 
 def test_samples_lie_on_the_road_ahead(camera: Intrinsics) -> None:
-    pixels = ROAD.samples(camera, level_plane(1.0))
+    pixels = ROAD.samples(camera, level_plane())
     rays = pinhole.normalised(pixels, camera)
     depth = 1 / rays[:, 1]  # in camera heights
     assert len(pixels) > 300
@@ -46,7 +46,7 @@ def test_correlation_is_that_of_numpy() -> None:
     expected = np.corrcoef(values, (a + b)[v, u].ravel())[0, 1]
 
     def correlation(before: FloatArray, values: FloatArray, rays: FloatArray) -> FloatArray:
-        plane = level_plane(1.6, 0.01, -0.02)
+        plane = level_plane(0.01, -0.02) / 1.6
         pair = RoadPair(a, b, np.eye(4), camera)
         return ROAD.correlation(before, values, pair, rays, plane)
 
@@ -63,8 +63,8 @@ def test_alignment_finds_the_plane(
     greys = np.clip(frames[:2, ..., 0], offset, 255)
     before, now = ROAD.blurred(greys[0] - np.uint8(offset)), ROAD.blurred(greys[1])
     pair = RoadPair(before, now, se3.inverse(poses[0]) @ poses[1], camera)
-    pixels = ROAD.samples(camera, level_plane(1.0))
-    measured = ROAD.align(pair, pixels, level_plane(1.75), tilt_rad=0.02)
+    pixels = ROAD.samples(camera, level_plane())
+    measured = ROAD.align(pair, pixels, level_plane() / 1.75, tilt_rad=0.02)
     assert measured is not None
     height = 1 / np.linalg.norm(measured.plane)
     assert height == pytest.approx(1.65, rel=0.03)  # above the corridor
