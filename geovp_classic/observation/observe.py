@@ -39,10 +39,6 @@ class Observed:
     full_mask: BoolArray | None  # [H', W'], the same of the uncropped frames
     original: Context  # as it was given
 
-    def only(self, needs: PrivilegedInput) -> Context:
-        """Return the observed context with the given privileged inputs alone."""
-        return self.context.only(needs)
-
     def crop_mask(self, needs: PrivilegedInput) -> BoolArray:
         """Return the non-scene pixels [H, W] of the crop.
 

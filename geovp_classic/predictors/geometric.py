@@ -48,13 +48,13 @@ class GeometricPredictor:
     def estimate(self, observed: Observed, num_samples: int = 1) -> Motion:
         """Estimate the past and future motion of the camera."""
         return self.pose_source.estimate(
-            observed.only(self.pose_source.needs), num_samples
+            observed.context.only(self.pose_source.needs), num_samples
         )
 
     def reconstruct(self, observed: Observed, past: Trajectory) -> CheckedScene:
         """Reconstruct the scene, which depends on the past alone, and hindcast the past."""
         needs = self.renderer.needs
-        context = observed.only(needs)
+        context = observed.context.only(needs)
         scene = self.renderer.reconstruct(context, past)
         hindcast = self.hindcast
         scene_error, copy_error = hindcast.errors(scene, context, past)

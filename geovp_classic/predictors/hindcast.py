@@ -12,6 +12,7 @@ import numpy as np
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
+from geovp_classic.observation import stream
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -61,8 +62,7 @@ class Hindcast:
         The context was observed. Only covered pixels are compared; the scene's error is infinite
         if there are none, and 0 without earlier frames.
         """
-        assert context.observations is not None
-        earlier = np.flatnonzero(context.observations.is_usable[:-1])
+        earlier = np.flatnonzero(stream(context, "crop").is_usable[:-1])
         if len(earlier) == 0:
             return 0.0, self.min_change
         numbers = np.linspace(0, len(earlier) - 1, self.num_frames)

@@ -11,7 +11,7 @@ from scipy.interpolate import interp1d
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
-from geovp_classic.observation import Observed
+from geovp_classic.observation import Observed, stream
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import CheckedScene
@@ -149,18 +149,14 @@ class LivePredictor:
             self._state = replace(self._state, newest=added, is_blank=is_blank)
             return PushReport("blank" if is_blank else "duplicate", seconds)
         if not is_usable.all():  # the others lie before a cut
-            self._keep(is_usable)
+            observed = self._keep(is_usable)
             status = "restarted"
-            observed, _ = self._observe()
 
         with _timed("track", seconds):
             odometry = self._track(observed)
             if odometry.is_lost:
-                self._keep(
-                    np.arange(len(self._window)) == len(self._window) - 1
-                )
+                observed = self._keep(slice(-1, None))
                 status = "restarted"
-                observed, _ = self._observe()
                 odometry = self._track(observed)
         with _timed("scale", seconds):
             odometry.measure_scale()
@@ -278,18 +274,18 @@ class LivePredictor:
             camera_height_m=self._height_m,
         )
         observed = self._predictor.observe(context)
-        assert observed.context.observations is not None
-        return observed, observed.context.observations.is_usable
+        return observed, stream(observed.context, "crop").is_usable
 
-    def _keep(self, mask: BoolArray) -> None:
-        """Forget the other frames [P], and what was tracked through them."""
-        self._window = [self._window[index] for index in np.flatnonzero(mask)]
+    def _keep(self, frames: BoolArray | slice) -> Observed:
+        """Forget the other frames [P], and what was tracked through them; observe again."""
+        numbers = np.arange(len(self._window))[frames]
+        self._window = [self._window[number] for number in numbers]
         self._odometry = None
+        return self._observe()[0]
 
     def _track(self, observed: Observed) -> StreamOdometry:
         """Track the newest frame; all frames again if the scene's window in the image changed."""
-        observations = observed.context.observations
-        assert observations is not None
+        observations = stream(observed.context, "crop")
         camera = observations.intrinsics
         odometry = self._odometry
         new = slice(-1, None)
