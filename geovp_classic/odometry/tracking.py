@@ -198,13 +198,13 @@ class Tracker:
             return None
         inliers = motion.inliers
         num_reference = world.observed[-1].sum()
-        few_left = (
-            inliers.sum() < settings.min_reference_fraction * num_reference
-        )
-        min_parallax = (
-            0.0 if few_left else settings.keyframes.min_start_parallax
-        )
-        initialises = motion.parallax > max(min_parallax, 4 * world.noise)
+        min_left = settings.min_reference_fraction * num_reference
+        few_left = inliers.sum() < min_left
+        min_parallax = 4 * world.noise
+        if not few_left:
+            policy = settings.keyframes
+            min_parallax = max(min_parallax, policy.min_start_parallax)
+        initialises = motion.parallax > min_parallax
         initialises &= motion.has_translation
         if has_map:
             world.keep_newest_only()
@@ -284,7 +284,6 @@ class Tracker:
             image.grey,
             before_from_now,
         )
-        self._keyframe = image
         self._start_tracks(image)
 
     def _restart(self, image: Image, world_from_cam: FloatArray) -> bool:
@@ -301,11 +300,11 @@ class Tracker:
         """Make the last localised image the keyframe that a map may be initialised from."""
         self.map.add_keyframe(se3.inverse(self._world_from_last))
         self.map.keep_newest_only()
-        self._keyframe = image
         self._start_tracks(image)
 
     def _start_tracks(self, image: Image) -> None:
         """Start tracks at new corners of the newest keyframe."""
+        self._keyframe = image
         occupied = self.map.pixels[self.map.active]
         self.map.add_tracks(
             self.settings.corners.select(image.corners, occupied, image.grey)

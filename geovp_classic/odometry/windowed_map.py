@@ -199,10 +199,8 @@ class WindowedMap:
 
     def cull(self) -> None:
         """Discard observations with large errors, then points with fewer than two left."""
-        errors = self._errors(self.points, self.observations)
-        self.observations[
-            errors > self.policy.max_reprojection_error * self.noise
-        ] = np.nan
+        is_outlier = self._is_outlier(self.points, self.observations)
+        self.observations[is_outlier] = np.nan
         outliers = self.triangulated & (self.observed.sum(axis=0) < 2)
         self.points[outliers] = np.nan
         self.pixels[outliers] = np.nan
@@ -249,21 +247,21 @@ class WindowedMap:
         observations = self.observations[:, index]
         rays = self.rays(observations)
         points = triangulate(rays, self.cam_from_world)
-        errors = self._errors(points, observations)
-        is_outlier = errors > self.policy.max_reprojection_error * self.noise
+        is_outlier = self._is_outlier(points, observations)
         is_near = largest_parallax(rays, self.cam_from_world) > (
             self.policy.min_point_parallax * self.noise
         )
         is_good = is_near & ~is_outlier.any(axis=0)
         return np.where(is_good[:, None], points, np.nan)
 
-    def _errors(
+    def _is_outlier(
         self, points: FloatArray, observations: FloatArray
-    ) -> FloatArray:
-        """Return reprojection errors [K, M] on z = 1; NaN where there is no observation."""
-        return reprojection_errors(
+    ) -> BoolArray:
+        """Return which observations [K, M] have large errors; there may be none of some points."""
+        errors = reprojection_errors(
             points, self.rays(observations), self.cam_from_world
         )
+        return errors > self.policy.max_reprojection_error * self.noise
 
     def _drop_oldest(self, count: int) -> None:
         self.keyframes = self.keyframes[count:]
