@@ -33,18 +33,6 @@ def fitted(name: Constants) -> VehicleModel:
     return VehicleModel(**tomllib.loads(text)[name])
 
 
-def planar_states(
-    past: Trajectory,
-    vehicle_from_cam: FloatArray,  # [4, 4]
-) -> FloatArray:
-    """Return (x, z, yaw) [P, 3] on the plane of the last camera, with unwrapped yaw."""
-    poses = past.world_from_cam
-    states = planar.reduce(poses, poses[-1], vehicle_from_cam)
-    yaw_rad = np.unwrap(states[:, 2])
-    states[:, 2] = yaw_rad - yaw_rad[-1]
-    return states
-
-
 def initial_belief(
     measured: FloatArray,  # [P, 3], as (x, z, yaw)
     times_s: FloatArray,  # [P]
@@ -148,8 +136,12 @@ class TurnRateKalman(PlanarForecaster):
         past: Trajectory,
         plane: FloatArray,  # [4, 4], vehicle_from_cam
     ) -> Belief:
-        """Return the belief at the last pose."""
-        return self.filtered(planar_states(past, plane), past.times_s)
+        """Return the belief at the last pose, whose plane and heading are the reference."""
+        poses = past.world_from_cam
+        states = planar.reduce(poses, poses[-1], plane)
+        states[:, 2] = np.unwrap(states[:, 2])
+        states[:, 2] -= states[-1, 2]
+        return self.filtered(states, past.times_s)
 
 
 class TurnRateUnscented(TurnRateKalman):
