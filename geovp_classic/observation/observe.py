@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +28,7 @@ from geovp_classic.types import (
 )
 
 Stream = Literal["crop", "full"]
+View = TypeVar("View", Context, ExtraView)
 
 
 @dataclass(frozen=True)
@@ -88,35 +89,27 @@ class Observer:
             full_mask = None if full_mask is None else full_mask | drawn
 
         window = self._window(mask)
-        camera = _windowed(context.intrinsics, window)
+        reduced = _windowed(context, window)
+        for field in ("past_depths", "future_frames"):
+            images = getattr(context, field)
+            if images is not None:
+                reduced = replace(reduced, **{field: images[:, *window]})
+        camera = reduced.intrinsics
         observations = Observations(
-            context.frames[:, *window], greys[:, *window], is_usable, camera
+            reduced.frames, greys[:, *window], is_usable, camera
         )
-        depths = context.past_depths
-        future_frames, future_full = context.future_frames, context.future_full
-        if future_frames is not None:
-            future_frames = future_frames[:, *window]
-        reduced = replace(
-            context,
-            frames=observations.frames,
-            intrinsics=camera,
-            past_depths=None if depths is None else depths[:, *window],
-            future_frames=future_frames,
-            observations=observations,
-        )
+        reduced = replace(reduced, observations=observations)
         if full is not None and full_mask is not None:
             full_window = self._window(full_mask)
-            full = _windowed_view(full, full_window)
-            if future_full is not None:
-                future_full = _windowed_view(future_full, full_window)
-            full_observations = self.full_observations(
-                full, camera, full_usable
-            )
+            full = _windowed(full, full_window)
+            future_full = context.future_full
             reduced = replace(
                 reduced,
                 full=full,
-                future_full=future_full,
-                full_observations=full_observations,
+                future_full=future_full and _windowed(future_full, full_window),
+                full_observations=self.full_observations(
+                    full, camera, full_usable
+                ),
             )
         return Observed(reduced, mask, full_mask, context)
 
@@ -239,17 +232,15 @@ def _greys(frames: ByteArray) -> ByteArray:
     return np.stack([pinhole.grey8(frame) for frame in frames])
 
 
-def _windowed(camera: Intrinsics, window: Window) -> Intrinsics:
+def _windowed(view: View, window: Window) -> View:
+    """Return a context or an extra view with its frames and camera cropped."""
     rows, columns = window
-    width_px = columns.stop - columns.start
-    return camera.cropped(
-        columns.start, rows.start, width_px, rows.stop - rows.start
+    frames = view.frames[:, rows, columns]
+    height_px, width_px = frames.shape[1:3]
+    camera = view.intrinsics.cropped(
+        columns.start, rows.start, width_px, height_px
     )
-
-
-def _windowed_view(view: ExtraView, window: Window) -> ExtraView:
-    camera = _windowed(view.intrinsics, window)
-    return replace(view, frames=view.frames[:, *window], intrinsics=camera)
+    return replace(view, frames=frames, intrinsics=camera)
 
 
 def _warped(
