@@ -234,6 +234,8 @@ def direction_correction(
     given: FloatArray,  # [S, 4, 4], reference from source
     adjusted: FloatArray,  # [S, 4, 4]
     persistence: float,
+    # of the longest distance; shorter ones have no reliable direction
+    min_fraction: float = 0.2,
 ) -> FloatArray:
     """Return `persistence` times the rotation [3, 3] from given to adjusted directions of motion.
 
@@ -242,22 +244,15 @@ def direction_correction(
     """
     before = given[:, :3, 3]
     after = adjusted[:, :3, 3]
-    is_reliable = has_direction(before) & after.any(axis=1)
+    distance = np.linalg.norm(before, axis=1)
+    is_reliable = distance > min_fraction * distance.max(initial=0)
+    is_reliable &= after.any(axis=1)
     if not is_reliable.any():
         return np.eye(3)
-    lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    lengths = distance * np.linalg.norm(after, axis=1)
     turns = (
         np.cross(before[is_reliable], after[is_reliable])
         / lengths[is_reliable, None]
     )
     twist = np.concatenate([np.zeros(3), persistence * turns.mean(axis=0)])
     return se3.exp(twist)[:3, :3]
-
-
-def has_direction(
-    positions: FloatArray,  # [S, 3]
-    min_fraction: float = 0.2,  # of the longest distance; shorter ones have no reliable direction
-) -> BoolArray:
-    """Return which positions [S] are far enough from the origin to show a direction."""
-    distance = np.linalg.norm(positions, axis=1)
-    return distance > min_fraction * distance.max(initial=0)
