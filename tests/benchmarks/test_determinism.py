@@ -1,4 +1,4 @@
-"""Same settings, same results, with any number of threads, and in a process for other processors.
+"""Same settings, same results, with any number of threads.
 
 Scores agree to 1e-6 and pixels to one grey level.
 """
@@ -9,11 +9,10 @@ from typing import Any
 import cv2
 import numba
 import numpy as np
-import pytest
 from threadpoolctl import threadpool_limits
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.executors import Executor, Processes, Serial
+from geovp_benchmarks.running.executors import Serial
 from tests.benchmarks.made import go
 
 MATRIX: dict[str, Any] = {
@@ -31,13 +30,13 @@ MATRIX: dict[str, Any] = {
 METHOD = "vo--fusion"
 
 
-def run(root: Path, threads: int, executor: Executor) -> Results:
+def run(root: Path, threads: int) -> Results:
     before = numba.config.NUMBA_NUM_THREADS, cv2.getNumThreads()
     numba.config.NUMBA_NUM_THREADS = threads
     cv2.setNumThreads(threads)
     try:
         with threadpool_limits(threads):
-            (method,) = go(root, MATRIX, executor, keep="all").values()
+            (method,) = go(root, MATRIX, Serial(), keep="all").values()
     finally:
         numba.config.NUMBA_NUM_THREADS = before[0]
         cv2.setNumThreads(before[1])
@@ -45,30 +44,9 @@ def run(root: Path, threads: int, executor: Executor) -> Results:
     return Results(root)
 
 
-@pytest.fixture(scope="module")
-def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
-    return run(tmp_path_factory.mktemp("serial"), 1, Serial())
-
-
-@pytest.mark.parametrize(
-    ("threads", "executor", "environment"),
-    [
-        (2, Serial(), {}),
-        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
-    ],
-    ids=["threads", "processors"],
-)
-def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
-    serial: Results,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    threads: int,
-    executor: Executor,
-    environment: dict[str, str],  # of the processes that are started
-) -> None:
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    other = run(tmp_path, threads, executor)
+def test_frames_poses_and_scores_are_the_same_within_a_tolerance(tmp_path: Path) -> None:
+    serial = run(tmp_path / "serial", 1)
+    other = run(tmp_path / "threads", 2)
     scores, expected = (list(results.scores(METHOD).rows()) for results in (other, serial))
     assert [row[:4] for row in scores] == [row[:4] for row in expected]
     values = ([row[4] for row in rows] for rows in (scores, expected))
