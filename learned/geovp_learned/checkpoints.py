@@ -145,8 +145,8 @@ def fingerprint(path: Path, wanted: str = "") -> str:
     files; raise BadData if they differ from those expected.
     """
     if path.is_dir():
-        parts = sorted([*path.glob("*.safetensors"), *path.glob("*.json")])
-        content = "".join(part.name + fingerprint(part) for part in parts).encode()
+        members = sorted([*path.glob("*.safetensors"), *path.glob("*.json")])
+        content = "".join(member.name + fingerprint(member) for member in members).encode()
     else:
         content = files.read_bytes(path, LIMIT_BYTES)
     digits = hashlib.sha256(content).hexdigest()[:12]
@@ -204,9 +204,11 @@ def plain(settings: Any) -> dict[str, Any]:
 
 def _dataset_note(table: Mapping[str, Any]) -> str:
     """Describe a data set that was trained on: its name, split or sequences, and size."""
-    part = f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
+    subset = (
+        f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
+    )
     size = "x".join(map(str, table.get("size_px", ())))
-    return " ".join(filter(None, (str(table.get("name")), part, f"({size})" if size else "")))
+    return " ".join(filter(None, (str(table.get("name")), subset, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:

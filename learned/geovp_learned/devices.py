@@ -37,7 +37,7 @@ def described(device: str) -> str:
 
 
 def seed_torch(*numbers: int) -> None:
-    """Seed torch's random numbers on every device."""
+    """Set the seed of torch's random numbers on every device."""
     torch.manual_seed(int(np.random.SeedSequence(numbers).generate_state(1)[0]))
 
 

@@ -237,10 +237,8 @@ def load_network(net: Net, file: Path, device: str) -> LpipsNetwork:
         advice = "get them again"
         with files.checked(f"{file} does not hold LPIPS v0.1's weights for {net!r}", advice):
             network = _network_of(net, arrays)
-            score, expected = (
-                float(network(*map(images_from_frames, check_images()))),
-                CHECK_SCORES[net],
-            )
+            score = float(network(*map(images_from_frames, check_images())))
+            expected = CHECK_SCORES[net]
             if not abs(score - expected) < CHECK_TOLERANCE:
                 raise ValueError(f"the check images score {score:.6f}, expected {expected:.6f}")
     except BadData as error:

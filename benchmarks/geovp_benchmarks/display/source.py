@@ -134,6 +134,6 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
     if request.camera_height_m is not None:
         table["camera_height_m"] = request.camera_height_m
     dataset = registry.build("datasets", table)
-    part = dataset.ranges[0]
-    recording = dataset.recordings[part.sequence]
-    return recording, range(len(recording.frames))[part.first : part.last]
+    stretch = dataset.ranges[0]
+    recording = dataset.recordings[stretch.sequence]
+    return recording, range(len(recording.frames))[stretch.first : stretch.last]

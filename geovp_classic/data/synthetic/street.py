@@ -148,7 +148,7 @@ def model(rng: Generator, name: str) -> Solids:
         name: rng.choice(choices) for name, choices in TABLES["tints"].items()
     }
     parts = _tree(rng) if name == "tree" else TABLES["models"][name]
-    columns = zip(*(_solid(tints, **part) for part in parts), strict=True)
+    columns = zip(*(_solid(tints, **solid) for solid in parts), strict=True)
     return Solids(*map(np.array, columns))
 
 

@@ -173,8 +173,8 @@ def _sample(levels, texture, uv, longer, shorter):  # type: ignore[no-untyped-de
                 top = math.floor(y)
                 for row in (top, top + 1):
                     for col in (left, left + 1):
-                        part = (1.0 - abs(x - col)) * (1.0 - abs(y - row))
+                        bilinear = (1.0 - abs(x - col)) * (1.0 - abs(y - row))
                         texel = image[row % width, col % width]
                         for k in range(4):
-                            colours[i, k] += weight * part * texel[k]
+                            colours[i, k] += weight * bilinear * texel[k]
     return colours

@@ -102,7 +102,7 @@ class PoseNetwork(nn.Module):
         batch, count = pairs.shape[:2]
         flat = pairs.flatten(0, 1).contiguous(memory_format=torch.channels_last)
         parts = [flat] if self.training else flat.split(PAIRS_AT_ONCE)
-        return torch.cat([self.encoder(part) for part in parts]).unflatten(0, (batch, count))
+        return torch.cat([self.encoder(chunk) for chunk in parts]).unflatten(0, (batch, count))
 
 
 class Decoder(nn.Module):

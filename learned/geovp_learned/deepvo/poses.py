@@ -50,7 +50,7 @@ class _PretrainedDeepVo(checkpoints.Pretrained):
             )
         with devices.one_thread():
             steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
-        past, future = (chained(motions(part[0].double().cpu(), head)).numpy() for part in steps)
+        past, future = (chained(motions(step[0].double().cpu(), head)).numpy() for step in steps)
         world_from_cam = np.concatenate([np.eye(4)[None], past])
         trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)
         return trajectory, world_from_cam[-1] @ future

@@ -70,7 +70,7 @@ class DeepVoTraining:
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the losses of the only network, shown a random number of observed frames."""
         skipped = int(torch.randint(self.num_past - self.shortest_past + 1, ()))
-        parts = {name: part[:, skipped:] for name, part in batch.items()}
+        parts = {name: tensor[:, skipped:] for name, tensor in batch.items()}
         past, future = networks["poses"](parts["images"].float() / 255.0, self.num_future)
         return {"poses": self.losses(past, future, parts["motions"], parts["is_known"])}
 

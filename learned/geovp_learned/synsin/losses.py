@@ -63,7 +63,7 @@ def reprojection_loss(
     batch, views = cam_from_last.shape[:2]
     size_px = frames.shape[2:]
     parts = (splatting.rays(intrinsics, size_px), inverse_depths.flatten(1), intrinsics, frames)
-    rays, depths, cameras, wanted = (part.repeat_interleave(views, dim=0) for part in parts)
+    rays, depths, cameras, wanted = (tensor.repeat_interleave(views, dim=0) for tensor in parts)
     positions, _, in_front = splatting.project(rays, depths, cam_from_last.flatten(0, 1), cameras)
     positions = positions.unflatten(1, size_px)  # [B * V, H, W, 2]
     sampled = sample_images(targets.flatten(0, 1), positions)

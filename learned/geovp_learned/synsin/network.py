@@ -52,7 +52,7 @@ class FeatureCloud(NamedTuple):
 
     def repeated(self, times: int) -> FeatureCloud:
         """Repeat each cloud `times` times in a row."""
-        return FeatureCloud(*(part.repeat_interleave(times, dim=0) for part in self))
+        return FeatureCloud(*(tensor.repeat_interleave(times, dim=0) for tensor in self))
 
 
 class Images(NamedTuple):

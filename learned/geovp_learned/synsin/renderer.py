@@ -69,7 +69,7 @@ class SynSin(checkpoints.Pretrained):
             self._noise(generator.feature_noise),
         )
         with torch.inference_mode(), devices.one_thread():
-            cloud = generator.encode(*(part.to(self.device) for part in inputs))
+            cloud = generator.encode(*(tensor.to(self.device) for tensor in inputs))
         noise = self._noise(generator.refinement_noise).to(self.device)
         return FeatureScene(generator, cloud, noise, past.world_from_cam[-1])
 

@@ -147,5 +147,5 @@ class SynSinTraining:
         """Add the weighted sum of the terms as "total"."""
         weights = asdict(self.weights)
         weights["feature_matching"] *= self.weights.adversarial
-        total = torch.stack([weights[name] * part for name, part in parts.items()]).sum()
+        total = torch.stack([weights[name] * loss for name, loss in parts.items()]).sum()
         return {**parts, "total": total}

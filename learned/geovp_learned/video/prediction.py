@@ -53,8 +53,8 @@ class VideoPredictor(checkpoints.Pretrained):
         noise = noise_of(recent, self.seed, num_samples, network.noise_size).to(self.device)
         frames: list[ByteArray] = []
         with torch.inference_mode(), devices.one_thread():
-            for part in noise.split(max(1, PIXELS_AT_ONCE // size_px**2)):
-                images = network.predict(observed.expand(len(part), -1, -1, -1, -1), part)
+            for chunk in noise.split(max(1, PIXELS_AT_ONCE // size_px**2)):
+                images = network.predict(observed.expand(len(chunk), -1, -1, -1, -1), chunk)
                 frames += [resize(each, width_px, height_px) for each in frames_from_images(images)]
         return Prediction(np.stack(frames))
 

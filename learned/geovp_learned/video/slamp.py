@@ -82,7 +82,7 @@ class SlampNetwork(VideoNetwork):
         flat = self._blend(
             maps, flow, images[:, skip_steps].flatten(0, 1), images[:, :-1].flatten(0, 1)
         )
-        prediction = Blend(*(part.unflatten(0, (len(images), -1)) for part in flat))
+        prediction = Blend(*(tensor.unflatten(0, (len(images), -1)) for tensor in flat))
         return Output(
             prediction, (appearance_posterior, motion_posterior), (appearance_prior, motion_prior)
         )

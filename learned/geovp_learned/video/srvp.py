@@ -160,7 +160,7 @@ class SrvpTraining(VideoTraining):
             "nats": nats,
             "residual": residual,
         }
-        return {name: part / images[0].numel() for name, part in parts.items()}
+        return {name: loss / images[0].numel() for name, loss in parts.items()}
 
 
 def _perceptron(sizes: list[int]) -> nn.Sequential:
