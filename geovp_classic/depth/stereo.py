@@ -95,13 +95,13 @@ class Stereo:
         left = np.pad(
             frame, ((0, 0), (num_disparities, 0), (0, 0)), mode="edge"
         )
+        block_size = self.block_px**2
+        # OpenCV's documentation recommends these values of P1 and P2.
         matcher = cv2.StereoSGBM.create(
             numDisparities=num_disparities,
             blockSize=self.block_px,
-            P1=8
-            * self.block_px
-            ** 2,  # the values that OpenCV's documentation recommends
-            P2=32 * self.block_px**2,
+            P1=8 * block_size,
+            P2=32 * block_size,
             disp12MaxDiff=1,
             uniquenessRatio=5,
             speckleWindowSize=60,

@@ -37,11 +37,8 @@ def initial_belief(
     measured: FloatArray,  # [P, 3], as (x, z, yaw)
     times_s: FloatArray,  # [P]
     model: VehicleModel,
-    deviations: tuple[float, ...] = (
-        20.0,
-        2.0,
-        3.0,
-    ),  # of speed, turn rate and acceleration
+    # Standard deviations of speed, turn rate and acceleration
+    deviations: tuple[float, ...] = (20.0, 2.0, 3.0),
 ) -> Belief:
     """Return a wide belief at the first pose, with the velocity of the first step."""
     state = np.zeros(model.num_states)

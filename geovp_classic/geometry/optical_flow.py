@@ -16,10 +16,7 @@ def track_points(
     pixels: FloatArray,  # [N, 2] in the image before, N >= 1
     predicted: FloatArray,  # [N, 2] in the image now, where the search starts
     window_px: int,
-    num_levels: tuple[int, int] = (
-        4,
-        4,
-    ),  # of the pyramid, forward and backward
+    num_levels: tuple[int, int] = (4, 4),  # of the pyramids, there and back
     termination: tuple[int, float] = (30, 0.01),  # iterations, pixels of a step
     max_return_px: float = 0.5,  # between a point and where tracking it back ends
 ) -> tuple[FloatArray, BoolArray, FloatArray]:

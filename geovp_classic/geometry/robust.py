@@ -24,13 +24,10 @@ def irls(
     start: State,
     # residuals [N] or [N, D] and their jacobian [N, K] or [N, D, K]
     linearise: Callable[[State], tuple[FloatArray, FloatArray]],
-    retract: Callable[
-        [State, FloatArray], State
-    ],  # a state and a step [K] -> the next state
-    scale: float
-    | Callable[
-        [FloatArray], float
-    ],  # of the residuals, or how to get it from them
+    # a state and a step [K] -> the next state
+    retract: Callable[[State, FloatArray], State],
+    # of the residuals, or how to get it from them
+    scale: float | Callable[[FloatArray], float],
     num_rounds: int = 10,
     min_step: float = 1e-8,
 ) -> State:

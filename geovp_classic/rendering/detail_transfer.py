@@ -41,9 +41,8 @@ class MagnifiedDetail:
     def transfer(
         self,
         frames: ByteArray,  # [F, H, W, 3]
-        magnification: Sequence[
-            FloatArray
-        ],  # F maps [H, W] float32, 1 where nothing was lost
+        # F maps [H, W] float32, 1 where nothing was lost
+        magnification: Sequence[FloatArray],
         observed: ByteArray,  # [H, W, 3]
     ) -> ByteArray:
         """Return the frames with the bands that magnification removed."""

@@ -131,9 +131,8 @@ class ExposureEstimator:
         durations = np.diff(seconds, append=0.0)
         is_jump = np.abs(steps) > self.min_jump_hz * durations
         jumps = np.where(is_jump, steps, 0.0)
-        jumped = -np.cumsum(jumps[::-1])[
-            ::-1
-        ]  # log gain of all jumps since each frame
+        later_jumps = np.cumsum(jumps[::-1])
+        jumped = -later_jumps[::-1]  # log gain of all jumps since each frame
         levels = [_log(float(grey.mean())) for grey in greys] + jumped
         level = float(levels.mean())
         if len(greys) == 1:

@@ -14,9 +14,8 @@ InpaintFrame = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]
 
 
 def inpainted_views(
-    views: Sequence[
-        tuple[ByteArray, BoolArray, FloatArray]
-    ],  # F frames, coverages and depths
+    # F frames, coverages and depths
+    views: Sequence[tuple[ByteArray, BoolArray, FloatArray]],
     inpainter: Inpainter,
     last: ByteArray,  # [H, W, 3], the last observed frame at the size of the views
 ) -> Views:

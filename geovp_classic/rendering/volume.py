@@ -52,6 +52,8 @@ class Volume:
         active = hash_map.active_buf_indices().to(o3d.core.int64)
         blocks = hash_map.key_tensor()[active]
         cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
+        # A camera that backs up is farther from the volume.
+        max_depth = 2 * settings.reach
         with o3d.utility.VerbosityContextManager(
             o3d.utility.VerbosityLevel.Error
         ):
@@ -66,8 +68,7 @@ class Volume:
                 ["depth", "color"],
                 1.0,
                 settings.min_depth,
-                2
-                * settings.reach,  # a camera that backs up is farther from the volume
+                max_depth,
                 settings.min_weight,
                 settings.truncation_voxels,
                 cell_px,
