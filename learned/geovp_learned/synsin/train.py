@@ -60,13 +60,11 @@ class SynSinTraining:
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""
-        is_published = self.architecture.variant == "published"
-        generator = (PublishedGenerator if is_published else ResidualGenerator)(self.architecture)
+        variants = {"published": PublishedGenerator, "residual": ResidualGenerator}
+        generator = variants[self.architecture.variant](self.architecture)
         networks: dict[str, nn.Module] = {"generator": generator}
         if self.weights.adversarial:
-            networks["discriminator"] = MultiScaleDiscriminator(
-                self.discriminator_width, with_instance_norm=is_published
-            )
+            networks["discriminator"] = MultiScaleDiscriminator(self.discriminator_width)
         return networks
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
