@@ -70,7 +70,6 @@ MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
 BATCH = 5  # frames; limits memory
 TIMEOUT_S = 20.0
 
-MAX_BYTES = 2**30  # VGG-16 has 528 MiB
 logger = logging.getLogger(__name__)
 
 
@@ -268,33 +267,23 @@ def check_images() -> tuple[ByteArray, ByteArray]:
 def _why_not_downloaded(net: Net, cached: Path) -> str:
     """Fill the cache; return "" if it worked, else the reason why not. It is tried once per
     process.
+
+    A file is opened only if its hash is right, and nothing in it is executed.
     """
+    arrays: dict[str, Any] = {}
     try:
         cached.parent.mkdir(parents=True, exist_ok=True)
-        backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
-        arrays: dict[str, Any] = {
-            name: value.numpy() for name, value in backbone.items() if "features." in name
-        }
-        for name, value in linear.items():
-            arrays[f"{name.partition('.')[0]}.weight"] = value.numpy().ravel()
+        for url, sha256 in REMOTES[net]:
+            logger.info("downloading %s", url)
+            with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
+                content = response.read()
+            if (digest := hashlib.sha256(content).hexdigest()) != sha256:
+                return f"{url} has SHA-256 {digest[:8]}..., expected {sha256[:8]}..."
+            for name, tensor in torch.load(io.BytesIO(content), weights_only=True).items():
+                if not name.startswith("classifier."):
+                    arrays[name.replace(".model.1", "")] = tensor.numpy()
         with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:
             np.savez(file, **arrays)
-    except (OSError, http.client.HTTPException, BadData) as error:
+    except (OSError, http.client.HTTPException) as error:
         return str(error)
     return ""
-
-
-def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
-    logger.info("downloading %s", url)
-    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
-        return tensors_of_pth(response.read(MAX_BYTES), url, sha256)
-
-
-def tensors_of_pth(content: bytes, name: str, sha256: str) -> Mapping[str, Tensor]:
-    """Return the tensors of a .pth file; it is opened only if its hash is right, and nothing in it
-    is executed.
-    """
-    digest = hashlib.sha256(content).hexdigest()
-    if digest != sha256:
-        raise BadData(f"{name} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")
-    return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)

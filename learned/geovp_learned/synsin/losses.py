@@ -29,7 +29,7 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
     """Return the mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in
     `predicted`.
 
-    MissingExtra when there are no weights.
+    BadData or MissingExtra when there are no weights.
     """
     predicted, target = predicted.float(), target.float()
     if net == "vgg19":
