@@ -109,17 +109,19 @@ def write(
 ) -> None:
     """Write the weights of networks in half precision, atomically."""
     tensors = {
-        f"{name}.{key}": _halved(tensor)
+        f"{name}.{key}": _halved(tensor).detach().cpu().contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
     metadata = {
         "format": FORMAT,
         "method": method,
-        "settings": plain(settings),
-        "history": dict(history),
+        "settings": dataclasses.asdict(settings),
+        "history": history,
     }
-    write_tensors(file, tensors, metadata)
+    texts = {key: json.dumps(value) for key, value in metadata.items()}
+    with files.checked(f"{file} cannot be written", "make room there or choose another folder"):
+        atomic.write_bytes(file, save(tensors, texts))
 
 
 def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
@@ -180,14 +182,6 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
             )
 
 
-def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
-    """Write a safetensors file with metadata as JSON, atomically."""
-    contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    texts = {key: json.dumps(value) for key, value in metadata.items()}
-    with files.checked(f"{file} cannot be written", "make room there or choose another folder"):
-        atomic.write_bytes(file, save(contiguous, texts))
-
-
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Read metadata and tensors; raise BadData if the file is missing or damaged."""
     content = files.read_bytes(file, LIMIT_BYTES)
@@ -195,11 +189,6 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         with safe_open(file, framework="pt") as stored:
             texts = stored.metadata() or {}
         return {key: json.loads(text) for key, text in texts.items()}, loaded(content)
-
-
-def plain(settings: Any) -> dict[str, Any]:
-    """Return a dataclass of settings as plain JSON values."""
-    return dict(json.loads(json.dumps(dataclasses.asdict(settings))))
 
 
 def _dataset_note(table: Mapping[str, Any]) -> str:

@@ -105,7 +105,7 @@ class Trainer:
             self.networks[name], self.optimisers[name] = fabric.setup(networks[name], optimiser)
         self.identity = {
             "method": config.method_name,
-            "settings": checkpoints.plain(self.method),
+            "settings": asdict(self.method),
             "training": self.settings.decisive,
             "data": training_config.describe(config.train),
         }
@@ -207,7 +207,7 @@ class Trainer:
             "command": self.config.command,
             "step": self.progress.step,
             "seconds": round(self.progress.seconds, 1),
-            "scores": dict(scores),
+            "scores": scores,
             "train": self.identity["data"],
             "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
