@@ -38,10 +38,7 @@ class TorchPredictor(ABC):
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
-        if self.checkpoint is not None:
-            fingerprint = checkpoints.fingerprint(self.checkpoint, self.fingerprint)
-            object.__setattr__(self, "fingerprint", fingerprint)
-        object.__setattr__(self, "device", devices.resolved(self.device))
+        checkpoints.identify(self, self.checkpoint)
 
     @abstractmethod
     def network(self) -> nn.Module:

@@ -46,8 +46,7 @@ class Pretrained:
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
-        object.__setattr__(self, "device", devices.resolved(self.device))
+        identify(self, self.file)
         self.load()
 
     @property
@@ -57,7 +56,7 @@ class Pretrained:
 
     def load(self) -> tuple[Any, Any]:
         """Load the network, ready to predict, and the settings that it was trained with."""
-        return load(self.method, self.file, self.fingerprint, self.device)
+        return _loaded(self)
 
     @property
     def input_note(self) -> str:
@@ -88,16 +87,24 @@ def shipped(method: str) -> Path:
 
 
 @functools.lru_cache(maxsize=8)
-def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[Any, Any]:
+def _loaded(component: Pretrained) -> tuple[Any, Any]:
     """Load the first network in a weights file, and its settings, once per process; raise BadData
     if it cannot be used.
-
-    The fingerprint only distinguishes files that had the same name at different times.
     """
+    method, file = component.method, component.file
     settings, tensors = read(file, method, methods.load(method))
     name, network = next(iter(settings.build().items()))
     restore(file, network, tensors, f"{name}.")
-    return network.eval().to(device), settings
+    return network.eval().to(component.device), settings
+
+
+def identify(component: Any, path: Path | None) -> None:
+    """Set the fingerprint of a component to that of its weights, if any, and its device to one that
+    this machine has.
+    """
+    if path is not None:
+        object.__setattr__(component, "fingerprint", fingerprint(path, component.fingerprint))
+    object.__setattr__(component, "device", devices.resolved(component.device))
 
 
 def write(
