@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, PrivilegedInput
-from geovp_learned import checkpoints, training_config, vgg
+from geovp_learned import checkpoints, training_config
+from geovp_learned.feature_networks import vgg19
 from geovp_learned.synsin import losses, pairs
 from geovp_learned.synsin.network import Architecture
 from geovp_learned.synsin.published import PublishedGenerator
@@ -154,11 +155,11 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
 def vgg_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Random weights of VGG-19 that are downloaded as the real ones are."""
     torch.manual_seed(0)
-    weights = vgg.vgg19().state_dict()
+    weights = vgg19().state_dict()
     file = tmp_path / "vgg.pth"
     torch.save({**weights, "classifier.0.weight": torch.zeros(1)}, file)
     digits = hashlib.sha256(file.read_bytes()).hexdigest()[:8]
-    monkeypatch.setattr(vgg, "URL", file.rename(tmp_path / f"vgg-{digits}.pth").as_uri())
+    monkeypatch.setattr(losses, "VGG19", file.rename(tmp_path / f"vgg-{digits}.pth").as_uri())
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "home"))
     return weights
 
@@ -185,8 +186,8 @@ def test_content_is_compared_in_five_layers_of_vgg(vgg_weights: dict[str, Tensor
 def test_without_the_weights_of_vgg_the_message_says_where_they_belong(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    vgg.load.cache_clear()
-    monkeypatch.setattr(vgg, "URL", (tmp_path / "vgg19-dcbb9e9d.pth").as_uri())
+    losses.vgg19_network.cache_clear()
+    monkeypatch.setattr(losses, "VGG19", (tmp_path / "vgg19-dcbb9e9d.pth").as_uri())
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "home"))
     with pytest.raises(BadData, match=r"cannot be downloaded .* into hub/checkpoints/vgg19"):
         losses.content_loss(torch.rand(1, 3, 32, 32), torch.rand(1, 3, 32, 32), "vgg19")
