@@ -87,14 +87,11 @@ class Trainer:
         with files.checked("the networks cannot be built", "change [method]"):
             networks: Any = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
-        self.raw = self.evaluated = networks
-        self.average: AveragedModel | None = None
-        if steps := self.settings.average_steps:
-            average = get_ema_multi_avg_fn(1 - 1 / steps)
-            self.average = AveragedModel(
-                networks, fabric.device, multi_avg_fn=average, use_buffers=True
-            )
-            self.evaluated = self.average.module
+        self.raw = networks
+        average = get_ema_multi_avg_fn(1 - 1 / max(self.settings.average_steps, 1))
+        self.average: Any = AveragedModel(
+            networks, fabric.device, multi_avg_fn=average, use_buffers=True
+        )
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
         self.schedulers: dict[str, LambdaLR] = {}
@@ -172,8 +169,7 @@ class Trainer:
                     network, optimiser, max_norm=max_norm, error_if_nonfinite=is_strict
                 )
             optimiser.step()
-        if self.average is not None:
-            self.average.update_parameters(self.raw)
+        self.average.update_parameters(self.raw)
         for scheduler in self.schedulers.values():
             scheduler.step()
         self.progress.step += 1
@@ -184,15 +180,15 @@ class Trainer:
         }
 
     def validate(self, held_out: Iterable[Batch]) -> None:
-        """Score the networks, or their EMA, and write their weights if they are the best so far."""
-        self.evaluated.eval()
+        """Score the EMA of the networks, and write its weights if they are the best so far."""
+        networks = self.average.module.eval()
         torch.manual_seed(0)
         num_examples, totals = 0, defaultdict[str, float](float)
         for batch in held_out:
             size = len(next(iter(batch.values())))
             num_examples += size
             with torch.no_grad():
-                numbers = self.method.validation_step(self.evaluated, batch)
+                numbers = self.method.validation_step(networks, batch)
             for name, number in numbers.items():
                 totals[name] += size * float(number)
         scores = {name: total / num_examples for name, total in totals.items()}
@@ -214,7 +210,7 @@ class Trainer:
         }
         if self.fabric.is_global_zero:
             file = self.folder / WEIGHTS
-            name, network = next(iter(self.evaluated.items()))
+            name, network = next(iter(self.average.module.items()))
             checkpoints.write(file, self.config.method_name, self.method, {name: network}, history)
 
     def state(self) -> dict[str, Any]:
@@ -223,13 +219,12 @@ class Trainer:
             "precision": self.fabric.strategy.precision,
             "progress": asdict(self.progress),
             "identity": self.identity,
+            "average": self.average,
         }
         for name in self.networks:
             state[f"network.{name}"] = self.networks[name]
             state[f"optimiser.{name}"] = self.optimisers[name]
             state[f"scheduler.{name}"] = self.schedulers[name]
-        if self.average is not None:
-            state["average"] = self.average
         return state
 
     def save(self) -> None:
