@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import tensors
@@ -25,17 +24,12 @@ class Example:
 
 
 def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
-    """Return all frames that have `max_horizon` frames after them; raise BadData if a clip is too
-    short or has no metric poses.
+    """Return all frames that have `max_horizon` frames after them; raise BadData if a clip has no
+    metric poses.
     """
     frames = []
     for clip in clips:
         tensors.metric_trajectory(clip, "synsin")
-        if len(clip) <= max_horizon:
-            raise BadData(
-                f"{clip.name} has {len(clip)} frames, but horizons up to {max_horizon} need "
-                "more: raise num_frames"
-            )
         frames += [Example(clip, last) for last in range(len(clip) - max_horizon)]
     return frames
 
