@@ -37,8 +37,6 @@ class Blend(NamedTuple):
     images: Tensor
     appearance: Tensor
     motion: Tensor  # the previous frames, warped
-    masks: Tensor  # [..., 1, H, W]: weight of the appearance
-    flow_px: Tensor  # [..., 2, H, W]
 
 
 class Output(NamedTuple):
@@ -106,10 +104,9 @@ class SlampNetwork(VideoNetwork):
         [N, 3, H, W].
         """
         appearance = self.images(maps, base)
-        flow_px = flow * self.flow_unit_px
-        motion = warp(previous, flow_px)
+        motion = warp(previous, flow * self.flow_unit_px)
         masks = torch.sigmoid(self.mask(torch.cat([appearance, motion], dim=1)))
-        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion, masks, flow_px)
+        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion)
 
 
 @dataclass(frozen=True)
@@ -126,12 +123,11 @@ class SlampTraining(VideoTraining):
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
-        real, prediction = images[:, 1:], output.prediction
         branches = zip(output.posteriors, output.priors, strict=True)
         nats = torch.stack([kl_divergence(a, b).sum(-1).mean() for a, b in branches]).sum()
-        error = functional.mse_loss(prediction.images, real)
-        appearance = functional.mse_loss(prediction.appearance, real)
-        motion = functional.mse_loss(prediction.motion, real)
+        error, appearance, motion = (
+            functional.mse_loss(shown, images[:, 1:]) for shown in output.prediction
+        )
         weighted = self.appearance_weight * appearance + self.motion_weight * motion
         return {
             "total": error + weighted + self.beta * nats,
