@@ -90,10 +90,8 @@ class Generator(nn.Module, ABC):
         noise = torch.randn(len(frames), self.feature_noise, device=frames.device)
         cloud = self.encode(frames, intrinsics, noise)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
-        cloud = cloud._replace(
-            inverse_depths=depth_gradient_scale * inverse_depths
-            + (1 - depth_gradient_scale) * inverse_depths.detach()
-        )
+        scaled = inverse_depths.detach().lerp(inverse_depths, depth_gradient_scale)
+        cloud = cloud._replace(inverse_depths=scaled)
         noise = torch.randn(len(frames) * views, self.refinement_noise, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet, gather, spread
+from geovp_learned.blocks import NoisyNorm, Resample, ResidualBlock, UNet, gather, spread
 from geovp_learned.synsin.network import COLOURS, INITIAL_M, Architecture, Generator, Images
 from geovp_learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
@@ -127,19 +127,13 @@ class RefinementNetwork(nn.Module):
         super().__init__()
         self.patch_px = architecture.patch_px
         width, seen = architecture.width, architecture.features + 1
+        levels: list[tuple[int, int, Resample]]
+        levels = [(1, 1, "down"), (1, 2, "down"), (2, 1, "up"), (1, 1, "up")]
+        levels[2:2] = [(2, 2, "keep")] * architecture.inner_blocks
         norm = functools.partial(NoisyNorm, noise_size=architecture.noise_size)
         self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
         self.blocks = nn.ModuleList(
-            [
-                ResidualBlock(width, width, norm, "down"),
-                ResidualBlock(width, 2 * width, norm, "down"),
-                *(
-                    ResidualBlock(2 * width, 2 * width, norm)
-                    for _ in range(architecture.inner_blocks)
-                ),
-                ResidualBlock(2 * width, width, norm, "up"),
-                ResidualBlock(width, width, norm, "up"),
-            ]
+            ResidualBlock(a * width, b * width, norm, resample) for a, b, resample in levels
         )
         self.norm = norm(width)
         self.detail = nn.Conv2d(width + seen, width // 2, 3, padding=1)
