@@ -55,10 +55,6 @@ class PublishedGenerator(Generator):
         self.depth_network = DepthNetwork(width)
         self.refinement_network = Blocks([*_channels(features, REFINEMENT, width), 3], RESAMPLED)
 
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
-        return self.depth_network(2 * frames - 1)
-
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:
         """Return learned features."""
         return self.feature_network(2 * frames - 1, noise).float()
@@ -162,14 +158,14 @@ class DepthNetwork(nn.Module):
         last: Any = self.head[-1]
         nn.init.constant_(last.bias, float(torch.logit(torch.tensor(fraction))))
 
-    def forward(self, frames: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
-        precision.
+    def forward(self, frames: Tensor, rays: Tensor) -> Tensor:
+        """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [0, 1], from the colours
+        alone; computed in full precision.
         """
         size_px, multiple = frames.shape[2:], 2 ** len(DEPTH)
         height, width = (max(round(side / multiple), 1) * multiple for side in size_px)
         with torch.autocast(frames.device.type, enabled=False):
-            maps = functional.interpolate(frames.float(), (height, width), mode="bilinear")
+            maps = functional.interpolate(2 * frames.float() - 1, (height, width), mode="bilinear")
             skips = []
             for down in self.down:
                 maps = down(maps)

@@ -40,10 +40,6 @@ class ResidualGenerator(Generator):
         self.depth_network = DepthNetwork(architecture)
         self.refinement_network = RefinementNetwork(architecture)
 
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] from colours and rays."""
-        return self.depth_network(frames, rays)
-
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:
         """Return the colours and learned features."""
         return torch.cat([frames, self.feature_network(frames, noise).float()], dim=1)

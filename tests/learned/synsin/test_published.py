@@ -88,7 +88,9 @@ def test_sizes_within_the_networks_are_the_papers(networks: dict[str, nn.Module]
         generator.refinement_network(
             torch.rand(1, 64, 256, 256), torch.zeros(1, generator.refinement_noise)
         )
-        inverse_depths = generator.depth_network(torch.rand(1, 3, 256, 256))
+        inverse_depths = generator.depth_network(
+            torch.rand(1, 3, 256, 256), torch.zeros(1, 256 * 256, 3)
+        )
     for handle in handles:
         handle.remove()
     sides = (256, 128, 64, 64, 128, 256, 256, 256)
