@@ -17,8 +17,6 @@ from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.tensors import bytes_from_frames, grey, psnr_db
 from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
-NEAR_STEPS = 5
-
 
 class VideoNetwork(nn.Module):
     """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1].
@@ -101,8 +99,7 @@ class VideoTraining(ABC):
         """Return the mean PSNR (dB) of one sample and of the last frame repeated, at the network's
         size; the score is -psnr.
 
-        The names with "near" are over the first NEAR_STEPS steps; "spread" is the mean difference
-        of two samples in grey levels.
+        "spread" is the mean difference of two samples in grey levels.
         """
         network: Any = networks["video"]
         images = batch["images"].float() / 255.0
@@ -115,9 +112,7 @@ class VideoTraining(ABC):
         return {
             "score": -psnr.mean(),
             "psnr": psnr.mean(),
-            "psnr_near": psnr[:, :NEAR_STEPS].mean(),
             "copy_last": copied.mean(),
-            "copy_last_near": copied[:, :NEAR_STEPS].mean(),
             "spread": (sample - other).abs().mean() * 255,
         }
 
