@@ -19,6 +19,7 @@ import cv2
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.loggers.logger import Logger
+from lightning.fabric.plugins import MixedPrecision
 from torch import Tensor, nn
 from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -28,7 +29,7 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from geovp_learned import batches, checkpoints, devices, hardware, training_config, training_log
+from geovp_learned import batches, checkpoints, devices, training_config, training_log
 from geovp_learned.methods import Batch, Losses
 from geovp_learned.training_config import Training, TrainingConfig
 
@@ -57,11 +58,35 @@ def train(
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
         cv2.setNumThreads(settings.num_threads)  # its default threads slow each other down
-    fabric = hardware.fabric(settings)
+    fabric = build_fabric(settings)
     fabric.launch()
     trainer = Trainer(config, folder, fabric, resume=resume)
     trainer.fit(limit_s)
     return trainer
+
+
+def build_fabric(settings: Training) -> Fabric:
+    """Build Lightning Fabric from the settings; raise BadData if it refuses them, or if a processor
+    lacks bfloat16: convolutions take about fifteen times as long, LSTMs fail.
+    """
+    names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
+    with files.checked("[training] does not fit this machine", "change it"):
+        fabric = Fabric(**{name: getattr(settings, name) for name in names})
+    capability = torch.backends.cpu.get_cpu_capability()
+    is_slow = fabric.device.type == "cpu" and capability in ("AVX2", "DEFAULT")
+    if is_slow and "bf16" in settings.precision:
+        reason = f"needs a processor with AVX-512 or AMX, or a GPU (this processor: {capability})"
+        raise BadData(f"precision {settings.precision} {reason}: give --precision 32-true")
+    keep_inputs(fabric)
+    return fabric
+
+
+def keep_inputs(fabric: Fabric) -> None:
+    """Let mixed precision compute in halves, but not round the inputs: a focal length of 489.5
+    would become 490 px.
+    """
+    if isinstance(precision := fabric.strategy.precision, MixedPrecision):
+        precision.convert_input = lambda data: data  # type: ignore[method-assign]
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:
