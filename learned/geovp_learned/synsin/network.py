@@ -71,11 +71,8 @@ class Generator(nn.Module, ABC):
     """
 
     depth_network: nn.Module
-
-    def __init__(self, feature_noise: int, refinement_noise: int) -> None:
-        """Store how many numbers of noise the networks take."""
-        super().__init__()
-        self.feature_noise, self.refinement_noise = feature_noise, refinement_noise
+    feature_noise: int  # how many numbers of noise the networks take
+    refinement_noise: int
 
     def forward(
         self,

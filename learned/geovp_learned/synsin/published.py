@@ -44,7 +44,8 @@ class PublishedGenerator(Generator):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        super().__init__(NOISE_SIZE, NOISE_SIZE)
+        super().__init__()
+        self.feature_noise = self.refinement_noise = NOISE_SIZE
         width, features = architecture.width, architecture.features
         if architecture != Architecture("published", features, width):
             raise BadData(

@@ -34,7 +34,8 @@ class ResidualGenerator(Generator):
         """Build the model with new weights; untrained, it renders a cloud at INITIAL_M in its own
         colours.
         """
-        super().__init__(feature_noise=0, refinement_noise=architecture.noise_size)
+        super().__init__()
+        self.feature_noise, self.refinement_noise = 0, architecture.noise_size
         self.architecture = architecture
         self.feature_network = FeatureNetwork(architecture)
         self.depth_network = DepthNetwork(architecture)

@@ -95,8 +95,7 @@ class Decoder(nn.Module):
         sizes = [coding.width, *coding.channels]
         self.head = nn.Sequential(
             nn.ConvTranspose2d(code_size or coding.code_size, sizes[-1], INNERMOST_PX, bias=False),
-            nn.BatchNorm2d(sizes[-1]),
-            nn.LeakyReLU(0.2),
+            *_norm_relu(sizes[-1]),
         )
         self.stages = nn.ModuleList(
             _stage(coding, nn.ConvTranspose2d, 2 * sizes[n + 1], sizes[n], n)
