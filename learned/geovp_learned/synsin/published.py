@@ -15,7 +15,7 @@ from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
 from geovp_classic.errors import BadData
-from geovp_learned.blocks import Resample, ResidualBlock
+from geovp_learned.blocks import Resample, ResidualBlock, gather, spread
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.network import INITIAL_M, Architecture, Generator, Images
 from geovp_learned.synsin.splatting import Splatter
@@ -66,9 +66,8 @@ class PublishedGenerator(Generator):
 
     def refine(self, blended: Tensor, opacities: Tensor, noise: Tensor) -> Images:
         """Paint images; holes are features of 0."""
-        height, width = blended.shape[2:]
-        maps = functional.pad(blended[:, :-1], (0, -width % 4, 0, -height % 4), mode="replicate")
-        frames = torch.tanh(self.refinement_network(maps, noise).float())[:, :, :height, :width]
+        painted = self.refinement_network(gather(blended[:, :-1], 1, 4), noise)
+        frames = spread(torch.tanh(painted.float()), 1, blended.shape[2:])
         inverse_depths = blended[:, -1:] / opacities.clamp(min=splatting.EPS)
         return Images((frames + 1) / 2, opacities, inverse_depths)
 
@@ -87,7 +86,7 @@ class Norm(nn.Module):
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """Normalise maps [B, C, H, W], modulated by noise [B, NOISE]."""
-        normal: Tensor = self.norm(maps)
+        normal = self.norm(maps)
         return (
             normal * (1 + self.gain(noise))[:, :, None, None] + self.offset(noise)[:, :, None, None]
         )
