@@ -204,7 +204,7 @@ def _dataset_note(table: Mapping[str, Any]) -> str:
         f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
     )
     size = "x".join(map(str, table.get("size_px", ())))
-    return " ".join(filter(None, (str(table.get("name")), subset, f"({size})" if size else "")))
+    return " ".join(filter(None, (table["name"], subset, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:

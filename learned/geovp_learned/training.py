@@ -161,10 +161,9 @@ class Trainer:
         validation = batches.validation_loader(self.method, held_out, self.fabric)
         start_s = time.monotonic() - progress.seconds
         end_s, saved_s = progress.seconds + limit_s, progress.seconds
-        bar = tqdm(
+        for batch in tqdm(
             batches_left, total=settings.num_steps, initial=progress.step, disable=not self.loggers
-        )
-        for batch in bar:
+        ):
             if self.is_finished or progress.seconds >= end_s:
                 break
             losses = self.train_step(batch)

@@ -69,9 +69,9 @@ def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str,
     critic.requires_grad_(False)
     given = critic(fake)
     critic.requires_grad_(True)
-    distances: list[Tensor] = []
+    distances = []
     for ours, theirs in zip(given, wanted, strict=True):
-        layers = zip(ours[:-1], theirs[:-1], strict=True)
+        *layers, _ = zip(ours, theirs, strict=True)  # without the scores
         distances += [functional.l1_loss(a, b) for a, b in layers]
     return {
         "adversarial": -torch.stack([scale[-1].mean() for scale in given]).mean(),

@@ -29,7 +29,7 @@ def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
     """
     frames = []
     for clip in clips:
-        tensors.metric_trajectory(clip, "synsin")
+        tensors.metric_trajectory(clip)
         frames += [Example(clip, last) for last in range(len(clip) - max_horizon)]
     return frames
 
@@ -40,14 +40,12 @@ def frame_pairs(
     """Return tensors of the frame of an example and of the frames `horizons` steps later."""
     clip, last = example.clip, example.last
     steps = [last, *(last + horizon for horizon in horizons)]
-    poses = tensors.metric_trajectory(clip, "synsin").world_from_cam[steps]
+    poses = tensors.metric_trajectory(clip).world_from_cam[steps]
     motions, camera = se3.inverse(poses[1:]) @ poses[0], clip.intrinsics
     frames = tensors.grey(clip.frames[steps]) if in_grey else clip.frames[steps]
-    inverse_depth = np.full(frames.shape[1:3], np.nan)
-    if clip.depths is not None:
-        depth = clip.depths[last]
-        with np.errstate(divide="ignore"):
-            inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
+    depth = np.zeros(frames.shape[1:3]) if clip.depths is None else clip.depths[last]
+    with np.errstate(divide="ignore"):
+        inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
     if mirrored:
         frames, inverse_depth = frames[:, :, ::-1], inverse_depth[:, ::-1]
         motions = MIRROR @ motions @ MIRROR
