@@ -148,9 +148,8 @@ def read_list(
             )
         return numbers[0], folder / name
 
-    times_s, images = findings.parse(path, parse_line, (np.nan, None))
-    good = [image is not None for image in images]
-    return np.array(times_s, np.float64)[good], tuple(filter(None, images))
+    times_s, images = findings.parse(path, parse_line)
+    return np.array(times_s, np.float64), tuple(images)
 
 
 @dataclass(frozen=True, kw_only=True)
