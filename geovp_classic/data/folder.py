@@ -46,11 +46,7 @@ class Folder(SequenceDataset):
     is_metric: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("path", "times", "trajectory"):  # scripts give text
-            value = getattr(self, name)
-            object.__setattr__(
-                self, name, None if value is None else Path(value)
-            )
+        object.__setattr__(self, "path", Path(self.path))  # scripts give text
         rate_hz = self.frame_rate_hz
         if rate_hz is not None and not 0.02 <= rate_hz < np.inf:
             raise BadData(
