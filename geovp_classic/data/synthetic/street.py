@@ -200,7 +200,7 @@ def _furniture(
             if (
                 not 1.7 < from_drive_m < 110.0
                 or (gaps_m < radius_m).any()
-                or roads.distance_m(places).min() < from_kerb_m - 0.3
+                or roads.locate(places)[-1].min() < from_kerb_m - 0.3
             ):
                 continue
             occupied = np.vstack([occupied, [places[0], radius_m]])
