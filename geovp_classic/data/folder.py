@@ -69,11 +69,6 @@ class Folder(SequenceDataset):
         """Return the hash of `ranges` of several sequences; "" for one."""
         return super().split_hash if self._is_root else ""
 
-    @property
-    def recording(self) -> Recording:
-        """Return all frames of the first sequence with their times, camera and poses."""
-        return next(iter(self.recordings.values()))
-
     def folders(self) -> dict[str, Path]:
         """Return the folders of images by name: the path, or those in it if it has no images."""
         if self.path.is_file():
