@@ -175,7 +175,7 @@ class _View:
         tiles[np.isnan(tiles)] = 1
         uv = tiles * local[pick]
         uv_axes *= tiles[..., None]
-        ground = np.flatnonzero(texture == Texture.GROUND)
+        ground = texture == Texture.GROUND
         places = points[ground, 0] + 1j * points[ground, 2]
         surface = self.street.roads.surface(places)
         texture[ground], uv[ground], uv_axes[ground] = surface
