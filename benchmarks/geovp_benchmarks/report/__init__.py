@@ -8,12 +8,12 @@ from pathlib import Path
 import jinja2
 
 from geovp_benchmarks import plots
-from geovp_benchmarks.analysis import confidence, strata
+from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import MARKS, summary, title
+from geovp_benchmarks.results.stored_facts import MARKS, summary
 from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
@@ -59,9 +59,5 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
         figures=figures,
         clips=films.shown_clips(material, headline),
         step_s=material.step_s,
-        confidence={
-            title(metric): confidence.rankings(contents, metric)
-            for metric in list(material.frame_metrics)[:1]
-        },
     )
     write_bytes(results.report, html.encode())
