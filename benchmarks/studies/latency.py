@@ -24,7 +24,7 @@ from geovp_classic import registry
 from geovp_classic.geometry import planar, se3
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.streaming import Command, LivePredictor
-from geovp_classic.types import ByteArray, Clip, Context, FloatArray, IntArray
+from geovp_classic.types import ByteArray, Clip, Context, FloatArray
 from studies._figures import panels
 
 LATENCY_FRAMES = np.array([1, 2, 3, 5, 7, 10, 15, 20, 25])  # of 0.1 s
@@ -77,7 +77,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
     dataset = registry.build("datasets", spec)
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
-    shown, roads, warned = [], [], []
+    shown, warned = [], []
+    names: list[str] = []
     channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
     for index in tracked(range(len(dataset)), len(dataset), progress):
         clip = dataset[index]
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
                 [metric(frames, real, None) for metric in metrics.values()] for frames in views
             ]
             shown.append(np.array(scores))  # [method, metric, latency]
-            roads.append(index)
+            names.append(f"{clip.name}/{len(names)}")
             warned.append(fraction)
         for name, channel in CHANNELS.items():
             present, real = received(clip, args.every, replace(channel, seed=index))
@@ -106,7 +107,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         yield ""
         yield from grid([head, *rows])
     yield ""
-    yield from gains(values, np.array(roads), list(metrics))
+    yield from gains(values, names, list(metrics))
     yield ""
     rows = [
         [name, *(f"{mean:.4g}" for mean in np.concatenate(scores, axis=1).mean(axis=1))]
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         draw(args.plot, values[:, :, 0].mean(axis=0), next(iter(metrics)))
 
 
-def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterator[str]:
+def gains(values: FloatArray, names: Sequence[str], metrics: Sequence[str]) -> Iterator[str]:
     """Yield the mean paired gains of the forecast views, with 95 % intervals."""
     steps = np.flatnonzero(np.isin(LATENCY_FRAMES, (2, 5, 10, 20)))
     rows = []
@@ -126,7 +127,7 @@ def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterat
             gain = values[:, 3, column] - values[:, reference, column]
             entries = []
             for step in steps:
-                mean = BlockBootstrap().interval(gain[:, step], roads)
+                mean = BlockBootstrap().interval(gain[:, step], names)
                 entries.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
             rows.append([f"{metric}: over {METHODS[reference]}", *entries])
     head = ["gain of the forecast views", *(f"{LATENCY_FRAMES[step] / 10:g} s" for step in steps)]

@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import KIND
+from geovp_benchmarks.analysis.intervals import KIND, BlockBootstrap
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.running.scoring import Metrics
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -84,7 +83,7 @@ class Method:
             f"{self.label}: {len(names)} clips of {self.dataset.name}, "
             f"every {self.matrix.stride} frames, horizons {horizons}"
         )
-        tables = []
+        tables, bootstrap = [], BlockBootstrap()
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4
             columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
@@ -92,7 +91,7 @@ class Method:
             rows = []
             for label, row in pairs.items():
                 changes = {
-                    key: Score.of(of_metric[after] - of_metric[before], names, UNBOUNDED)
+                    key: bootstrap.interval(of_metric[after] - of_metric[before], names)
                     for key, (before, after) in row.items()
                 }
                 rows.append(MethodScores(label, changes, num_clips=len(names)))

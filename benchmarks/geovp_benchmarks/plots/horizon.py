@@ -10,6 +10,7 @@ from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
 from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
 from geovp_benchmarks.results import stored_facts
@@ -17,7 +18,6 @@ from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import facts_of
-from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.types import FloatArray
 
 
@@ -60,7 +60,8 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
         aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
-                score = Score.of(curve.values[:, step - 1], curve.clips, curve.bounds)
+                values = curve.values[:, step - 1]
+                score = BlockBootstrap().interval(values, curve.clips, curve.bounds)
                 axes.vlines(step + aside, score.low, score.high, line_style["color"], linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     page.add_legend(lines)

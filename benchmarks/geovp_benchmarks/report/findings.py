@@ -6,9 +6,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
 from geovp_benchmarks.plots.material import uses_ground_truth
 from geovp_benchmarks.results.stored_facts import MARKS, facts_of, title
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Headline:
             return f"The gain over {baseline} is unknown: a method or {baseline} lacks scores."
         key = self.column.key
         difference = method.scores[key].values - rival.scores[key].values
-        gain = Score.of(difference, self.clips)
+        gain = BlockBootstrap().interval(difference, self.clips)
         verdict = f"which is {'not ' * (gain.low <= 0 <= gain.high)}significant"
         if gain.has_few_clips:
             clips = f"{gain.effective_clips:.0f} effective clips"

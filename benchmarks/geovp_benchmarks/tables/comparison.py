@@ -4,10 +4,10 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.errors import BadData
 
 
@@ -81,7 +81,7 @@ def _paired_differences(a: Results, b: Results, method: Method, other: Method) -
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
-        gap = Score.of(gaps, common)
+        gap = BlockBootstrap().interval(gaps, common)
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "

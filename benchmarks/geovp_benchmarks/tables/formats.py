@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic.data.atomic import write_bytes
 
 ESCAPED = str.maketrans(

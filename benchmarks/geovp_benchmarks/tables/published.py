@@ -12,11 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Contents, Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import MethodScores, Table
 from geovp_benchmarks.tables.tables import explained, method_notes, table_of
 from geovp_classic.errors import BadData
 

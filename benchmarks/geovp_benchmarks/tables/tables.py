@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Contents, Results
@@ -14,7 +15,6 @@ from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
-    Score,
     Spread,
     Table,
     best,
@@ -57,13 +57,13 @@ def against(
     errors = [key for key, column in columns.items() if column.higher_is_better is False]
     exact = [key for key in errors if reference.scores[key].is_exact]
     methods, starred = [], set()
+    bootstrap = BlockBootstrap(1 - 0.05 / max(1, len(others)))  # Bonferroni
     for method in others:
         differences = {}
         for key in columns.keys() & method.scores.keys():
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            level = 1 - 0.05 / len(others)  # Bonferroni
-            score = Score.of(values, protocol["clips"], bounds, level)
+            score = bootstrap.interval(values, protocol["clips"], bounds)
             differences[key] = score
             if key not in exact and (score.low > 0 or score.high < 0):
                 starred.add((method.label, key))
