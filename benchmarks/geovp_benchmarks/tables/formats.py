@@ -5,6 +5,7 @@ LaTeX needs the packages booktabs and graphicx; a table is never wider than a co
 
 import csv
 import datetime
+import functools
 import io
 import math
 import textwrap
@@ -13,11 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import jinja2
 
 from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
+from geovp_benchmarks.tables.table_model import Table
 from geovp_classic.data.atomic import write_bytes
 
 ESCAPED = str.maketrans(
@@ -96,48 +97,32 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    caption = caption or escape(f"{table.title}.")
-    first = rf"\caption{{{caption}}}\label{{{label or f'tab:{table.name}'}}}"
-    continued = rf"\addtocounter{{table}}{{-1}}\caption[]{{{caption} (Continued.)}}"
-    num_floats = max(1, -(-len(table.columns) // max_columns))
-    lines: list[str] = []
-    for places in np.array_split(np.arange(len(table.columns)), num_floats):
-        columns = [table.columns[place] for place in places]
-        head = continued if lines else first
-        lines += [r"\end{table}"] * bool(lines)
-        lines += [r"\begin{table}", r"\centering", head, *_tabular(table, columns)]
-    notes = [rf"{escape(note)}\par" for note in table.notes]
-    lines += [r"\par\medskip", r"\begin{minipage}{\linewidth}\scriptsize\raggedright", *notes]
-    return "\n".join([*lines, r"\end{minipage}", r"\end{table}", ""])
+    return (
+        _latex_templates()
+        .get_template("table.tex")
+        .render(
+            table=table,
+            caption=caption or escape(f"{table.title}."),
+            label=label or f"tab:{table.name}",
+            num_floats=max(1, -(-len(table.columns) // max_columns)),
+        )
+    )
 
 
-def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
-    """Return the lines of some columns, no wider than a line of the text."""
-
-    def heading(column: Column) -> str:
-        lines = r"\\".join(map(escape, textwrap.wrap(column.heading, 14)))
-        return rf"\shortstack[r]{{{lines}}}"
-
-    def entry(method: MethodScores, column: Column) -> str:
-        mean, error = table.texts(method, column, r"\textbf{{{}}}")
-        if "[" not in error:
-            return mean + escape(error)
-        return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{mean}\\\scriptsize{error}\end{{tabular}}"
-
-    rows = [["method", "clips", *map(heading, columns)]]
-    for method in table.methods:
-        marks = rf"$^{{\mathrm{{{method.marks}}}}}$" if method.marks else ""
-        name = "{}" + escape(method.label) + marks
-        rows.append([name, table.clips(method), *(entry(method, column) for column in columns)])
-    head, *body = (rf"{' & '.join(row)} \\" for row in rows)
-    return [
-        r"\small\setlength{\tabcolsep}{4pt}",
-        r"\sbox0{%",
-        rf"\begin{{tabular}}{{@{{}}lr{'r' * len(columns)}@{{}}}}",
-        *(r"\toprule", head, r"\midrule", *body, r"\bottomrule"),
-        r"\end{tabular}}%",
-        r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi",
-    ]
+@functools.cache
+def _latex_templates() -> jinja2.Environment:
+    """Return an environment whose templates may have braces, as LaTeX has."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        block_start_string="<%",
+        block_end_string="%>",
+        variable_start_string="<<",
+        variable_end_string=">>",
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters["escape"] = escape
+    return templates
 
 
 def escape(text: str) -> str:
