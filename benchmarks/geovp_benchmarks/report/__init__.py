@@ -13,7 +13,7 @@ from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import MARKS, summary
+from geovp_benchmarks.results.stored_facts import MARKS, summary, title
 from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
@@ -46,13 +46,14 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     )
     templates.filters["base64"] = lambda content: base64.b64encode(content).decode()
     templates.filters["json"] = lambda value: json.dumps(value, ensure_ascii=False, indent=2)
-    templates.filters["inputs"] = lambda name: MARKS[name][1]
+    templates.filters["title"] = title
     html = templates.get_template("report.html").render(
         protocol=protocol,
         summary=summary(protocol),
         methods=contents.methods,
-        findings=headline.sentences(against or "copy-last") if headline else [],
         headline=headline,
+        baseline=against or "copy-last",
+        marks=MARKS,
         scores=scores,
         against=tables.against(results, against, metrics=metrics) if against else None,
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
