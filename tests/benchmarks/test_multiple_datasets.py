@@ -89,7 +89,6 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused(
         "rescore", out
     )
-    assert "holds several data sets: give one" in refused("table", out, "--page", "x.md")
 
 
 def test_a_file_with_one_data_set_gives_what_it_gave(

@@ -1,16 +1,14 @@
-"""Tables as Markdown, LaTeX and CSV, in a terminal and on pages of the documentation.
+"""Tables as Markdown, LaTeX and CSV.
 
 LaTeX needs the packages booktabs and graphicx; a table is never wider than a column of text.
 """
 
 import csv
-import datetime
 import functools
 import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,32 +149,6 @@ def comma_separated(table: Table) -> str:
     writer.writeheader()
     writer.writerows(records)
     return stream.getvalue()
-
-
-def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
-    """Write a page of the documentation.
-
-    The text above the commands of the old page, and the one below "## Notes", stay.
-    """
-    before = path.read_text(encoding="utf-8") if path.exists() else ""
-    opening, has_commands, _ = before.partition("```sh\n")
-    if not has_commands:
-        opening = f"# {title}\n\n"
-    _, heading, notes = before.partition("## Notes\n")
-    written = f"Written on {datetime.date.today().isoformat()} by {origin}."
-    lines = [f"{opening}```sh", *commands, "```", "", written, "", text.rstrip(), ""]
-    write_bytes(path, "\n".join([*lines, heading + notes]).encode())
-
-
-def without_repeated_notes(tables: Sequence[Table]) -> list[Table]:
-    """Return the tables, each without the notes of those before it."""
-    printed: set[str] = set()
-    remaining = []
-    for table in tables:
-        notes = [note for note in table.notes if note not in printed]
-        printed.update(notes)
-        remaining.append(replace(table, notes=notes))
-    return remaining
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}
