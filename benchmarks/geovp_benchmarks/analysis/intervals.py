@@ -49,6 +49,11 @@ class Score:
         return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
 
     @property
+    def is_significant(self) -> bool:
+        """Return whether the interval excludes zero."""
+        return self.low > 0 or self.high < 0
+
+    @property
     def has_few_clips(self) -> bool:
         """Return whether the effective clips are too few to rely on the interval."""
         return self.effective_clips < 8

@@ -58,21 +58,15 @@ def markdown(table: Table, width: int | None = None) -> str:
     return "\n".join([f"## {table.title}", "", *blocks(lines, width), "", *notes, ""])
 
 
-def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 2) -> list[str]:
-    """Return a grid, or several that fit a width; all have the first columns, names shortened."""
-    if width is not None:
-        half = width // 6
-        lines = [
-            [name if len(name) <= 2 * half else f"{name[: half - 1]}…{name[-half:]}", *texts]
-            for name, *texts in lines
-        ]
+def blocks(lines: Sequence[Sequence[str]], width: int | None) -> list[str]:
+    """Return a grid, or several that fit a width; all have the first two columns."""
     text = grid(lines)
-    size = len(lines[0]) - num_shared
+    size = len(lines[0]) - 2
     while width is not None and size > 1 and max(map(len, text)) > width:
         size -= 1
         text = []
-        for start in range(num_shared, len(lines[0]), size):
-            block = [[*line[:num_shared], *line[start : start + size]] for line in lines]
+        for start in range(2, len(lines[0]), size):
+            block = [[*line[:2], *line[start : start + size]] for line in lines]
             text += ["", *grid(block)] if text else grid(block)
     return text
 
@@ -95,21 +89,17 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    return (
-        _latex_templates()
-        .get_template("table.tex")
-        .render(
-            table=table,
-            caption=caption or escape(f"{table.title}."),
-            label=label or f"tab:{table.name}",
-            num_floats=max(1, -(-len(table.columns) // max_columns)),
-        )
+    return _latex_template().render(
+        table=table,
+        caption=caption or escape(f"{table.title}."),
+        label=label or f"tab:{table.name}",
+        num_floats=max(1, -(-len(table.columns) // max_columns)),
     )
 
 
 @functools.cache
-def _latex_templates() -> jinja2.Environment:
-    """Return an environment whose templates may have braces, as LaTeX has."""
+def _latex_template() -> jinja2.Template:
+    """Return the template, in which braces are LaTeX's."""
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         block_start_string="<%",
@@ -120,7 +110,7 @@ def _latex_templates() -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     templates.filters["escape"] = escape
-    return templates
+    return templates.get_template("table.tex")
 
 
 def escape(text: str) -> str:

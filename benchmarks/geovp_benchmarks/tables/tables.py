@@ -49,23 +49,22 @@ def against(
 
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
-    contents = results.contents()
-    main, protocol = _main_table(contents, metrics, strict), contents.protocol
+    main, protocol = _main_table(results.contents(), metrics, strict), results.protocol()
     reference = _main_table(results.select(name).contents(), (), strict).methods[0]
-    others = [m for m in main.methods if m.label != reference.label and m.scores]
-    columns = {column.key: column for column in main.columns if column.key in reference.scores}
-    errors = [key for key, column in columns.items() if column.higher_is_better is False]
+    columns = [column for column in main.columns if column.key in reference.scores]
+    errors = [column.key for column in columns if column.higher_is_better is False]
     exact = [key for key in errors if reference.scores[key].is_exact]
     methods, starred = [], set()
-    bootstrap = BlockBootstrap(1 - 0.05 / max(1, len(others)))  # Bonferroni
+    others = [m for m in main.methods if m.label != reference.label and m.scores]
     for method in others:
         differences = {}
-        for key in columns.keys() & method.scores.keys():
+        for key in (column.key for column in columns if column.key in method.scores):
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
+            bootstrap = BlockBootstrap(1 - 0.05 / len(others))  # Bonferroni
             score = bootstrap.interval(values, protocol["clips"], bounds)
             differences[key] = score
-            if key not in exact and (score.low > 0 or score.high < 0):
+            if key not in exact and score.is_significant:
                 starred.add((method.label, key))
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
@@ -74,7 +73,7 @@ def against(
         names = ", ".join(map(title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
-    table = Table("against", heading, list(columns.values()), methods, starred=starred)
+    table = Table("against", heading, columns, methods, starred=starred)
     return explained(table, protocol, notes)
 
 
