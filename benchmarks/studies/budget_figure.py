@@ -33,11 +33,10 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
             axes.set_xlabel(f"change of {table.name.upper()}")
             for number, column in enumerate(table.columns):
                 changes = [row.scores[column.key] for row in table.methods]
-                mean = np.array([change.mean for change in changes])
-                ends = np.array([(change.low, change.high) for change in changes]).T
-                axes.errorbar(
-                    mean, places + 0.25 * number, xerr=abs(ends - mean), fmt="o", label=column.key
-                )
+                numbers = [(change.mean, change.low, change.high) for change in changes]
+                mean, low, high = np.transpose(numbers)
+                errors = mean - low, high - mean
+                axes.errorbar(mean, places + 0.25 * number, xerr=errors, fmt="o", label=column.key)
         drawn[0].set_yticks(places, stages)
         drawn[0].invert_yaxis()
     yield from map(markdown, tables)
