@@ -48,13 +48,10 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
-    from geovp_benchmarks.tables.tables import side_by_side
 
     results = Results(args.folder).select(*args.methods)
     datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
-    if len(datasets) > 1:
-        tables.append(side_by_side(results))
     match args.format:
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
