@@ -66,10 +66,14 @@ def triangulation(scene: Scene) -> Comparison:
         distances = np.linalg.norm(np.reshape(points, (-1, 3)) - scene.points, axis=1)
         return float(np.median(distances))
 
-    def ours() -> FloatArray:
-        return triangulate(scene.rays, scene.cam_from_world)
-
-    return Comparison("triangulation", ours, "pycolmap", rival, error, "m")
+    return Comparison(
+        "triangulation",
+        lambda: triangulate(scene.rays, scene.cam_from_world),
+        "pycolmap",
+        rival,
+        error,
+        "m",
+    )
 
 
 def resection(scene: Scene) -> Comparison:
@@ -87,10 +91,14 @@ def resection(scene: Scene) -> Comparison:
         solution: Any = pycolmap.refine_absolute_pose(pycolmap.Rigid3d(guess[:3]), *arguments)
         return matrix_of(solution["cam_from_world"])
 
-    def ours() -> FloatArray:
-        return refine_pose(scene.points, scene.with_outliers, guess, scene.noise)
-
-    return Comparison("resection", ours, "pycolmap", rival, lambda pose: distance(pose, truth), "m")
+    return Comparison(
+        "resection",
+        lambda: refine_pose(scene.points, scene.with_outliers, guess, scene.noise),
+        "pycolmap",
+        rival,
+        lambda pose: distance(pose, truth),
+        "m",
+    )
 
 
 def relative_pose(scene: Scene) -> Comparison:
@@ -109,13 +117,17 @@ def relative_pose(scene: Scene) -> Comparison:
         )
         return matrix_of(solution["cam2_from_cam1"])
 
-    def ours() -> FloatArray:
-        return refine(*rays, guess, scene.noise)
-
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
 
-    return Comparison("relative pose", ours, "pycolmap", rival, error, "deg")
+    return Comparison(
+        "relative pose",
+        lambda: refine(*rays, guess, scene.noise),
+        "pycolmap",
+        rival,
+        error,
+        "deg",
+    )
 
 
 def adjustment(scene: Scene) -> Comparison:

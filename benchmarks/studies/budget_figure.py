@@ -5,25 +5,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import Progress, add_options, shared
-from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
-from geovp_benchmarks.matrix import schema
+from geovp_benchmarks.cli import budget
+from geovp_benchmarks.cli.options import Progress, add_options
 from geovp_benchmarks.tables.formats import markdown
-from geovp_classic.types import PrivilegedInput
 from studies._figures import panels
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the method, the clips and the figure."""
-    add_options(parser, shared("matrix", "--method", "--root", "--limit", "--set"))
+    """Add the arguments of `geovp budget` and the figure."""
+    budget.add_arguments(parser)
     add_options(parser, {"figure FILE": "File of the figure: png, pdf or svg."})
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
-    matrix = schema.read(args.matrix, args.set).with_root(args.root)
-    method = read_method(matrix, args.method, args.limit, PrivilegedInput.NONE)
-    tables = error_budget(method, progress)
+    tables = budget.tables(args, progress)
     stages = [row.label for row in tables[0].methods]
     places = np.arange(len(stages))
     size_in = 3 * len(tables), 1 + 0.3 * len(stages)

@@ -77,24 +77,23 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
     dataset = registry.build("datasets", spec)
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
+
+    def scored(frames: ByteArray, real: ByteArray) -> FloatArray:
+        return np.array([metric(frames, real, None) for metric in metrics.values()])
+
     shown, warned = [], []
     names: list[str] = []
     channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
     for index in tracked(range(len(dataset)), len(dataset), progress):
         clip = dataset[index]
         for views, real, fraction in presents(clip, args.every):
-            scores = [
-                [metric(frames, real, None) for metric in metrics.values()] for frames in views
-            ]
-            shown.append(np.array(scores))  # [method, metric, latency]
+            shown.append([scored(frames, real) for frames in views])
             names.append(f"{clip.name}/{len(names)}")
             warned.append(fraction)
         for name, channel in CHANNELS.items():
             present, real = received(clip, args.every, replace(channel, seed=index))
-            channels[name].append(
-                np.array([metric(present, real, None) for metric in metrics.values()])
-            )
-    values = np.array(shown)
+            channels[name].append(scored(present, real))
+    values = np.array(shown)  # [present, method, metric, latency]
     yield f"{len(values)} presents of {len(dataset)} drives; the live views are replaced by the "
     yield f"late image, with a warning, in {100 * np.mean(warned):.1f} % of the forecasts"
     for column, name in enumerate(metrics):
@@ -152,25 +151,24 @@ def presents(
         moved = se3.inverse(poses[step]) @ poses[steps]  # last_from_present
         yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
         commands = commanded(clip, range(step, steps[-1]), errors, rng)
-        forecast = [live.view(now_s) for now_s in clip.times_s[steps]]
+        times_s = clip.times_s[steps]
+        forecast = [live.view(now_s) for now_s in times_s]
+        live_views = [
+            forecast,
+            [live.view(now_s, commands) for now_s in times_s],
+            [live.view(now_s, (), motion) for now_s, motion in zip(times_s, moved, strict=True)],
+        ]
         recent = slice(step - 2, step + 1)
         context = Context(
             frames=clip.frames[recent],
-            times_s=np.append(clip.times_s[recent], clip.times_s[steps]),
+            times_s=np.append(clip.times_s[recent], times_s),
             intrinsics=clip.intrinsics,
         )
         views = [
             np.repeat(frame[None], len(steps), axis=0),
             np.stack([shifted(frame, clip.intrinsics.fx_px * np.tan(yaw)) for yaw in yaw_rad]),
             FlowExtrapolation().predict(context).frames[0],
-            np.stack([view.frame for view in forecast]),
-            np.stack([live.view(now_s, commands).frame for now_s in clip.times_s[steps]]),
-            np.stack(
-                [
-                    live.view(now_s, last_from_present=motion).frame
-                    for now_s, motion in zip(clip.times_s[steps], moved, strict=True)
-                ]
-            ),
+            *(np.stack([view.frame for view in shown]) for shown in live_views),
         ]
         warned = np.mean([not view.is_predicted for view in forecast])
         yield views, clip.frames[steps], float(warned)

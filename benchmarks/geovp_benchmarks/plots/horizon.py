@@ -71,11 +71,8 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
-    scores = [material.scores[method.name].values for method in material.methods]
-    return sorted(
-        {name for values in scores for name in values},
-        key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name),
-    )
+    stored = {name for scores in material.scores.values() for name in scores.values}
+    return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name))
 
 
 @context(SHEET)
