@@ -4,19 +4,16 @@ LaTeX needs the packages booktabs and graphicx; a table is never wider than a co
 """
 
 import csv
-import functools
 import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
-
-import jinja2
 
 from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import Table
+from geovp_benchmarks.tables.templates import template
 from geovp_classic.data.atomic import write_bytes
 
 ESCAPED = str.maketrans(
@@ -89,28 +86,13 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    return _latex_template().render(
+    return template("table.tex").render(
         table=table,
+        escape=escape,
         caption=caption or escape(f"{table.title}."),
         label=label or f"tab:{table.name}",
         num_floats=max(1, -(-len(table.columns) // max_columns)),
     )
-
-
-@functools.cache
-def _latex_template() -> jinja2.Template:
-    """Return the template, in which braces are LaTeX's."""
-    templates = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        block_start_string="<%",
-        block_end_string="%>",
-        variable_start_string="<<",
-        variable_end_string=">>",
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
-    templates.filters["escape"] = escape
-    return templates.get_template("table.tex")
 
 
 def escape(text: str) -> str:

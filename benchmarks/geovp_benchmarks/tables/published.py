@@ -18,7 +18,7 @@ from geovp_benchmarks.results.store import Contents, Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import MethodScores, Table
-from geovp_benchmarks.tables.tables import explained, method_notes, table_of
+from geovp_benchmarks.tables.tables import explained, table_of
 from geovp_classic.errors import BadData
 
 
@@ -38,9 +38,8 @@ def build(results: Results, name: str) -> list[Table]:
     notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(contents.protocol["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
-    notes += method_notes(contents, strict=False)
     return [
-        explained(ours, contents.protocol, notes),
+        explained(ours, contents, notes),
         Table(
             f"{name}-published",
             "Published, not measured here",
