@@ -111,10 +111,12 @@ def comma_separated(table: Table) -> str:
             "protocol": method.protocol,
         }
         for column in table.columns:
-            for name, number in vars(method.scores.get(column.key) or Score(math.nan)).items():
-                if name != "values":
-                    key = f"{column.key}_{name}".removesuffix("_mean")
-                    record[key] = "" if math.isnan(number) else number
+            score = method.scores.get(column.key) or Score(math.nan)
+            record |= {
+                f"{column.key}_{name}".removesuffix("_mean"): "" if math.isnan(number) else number
+                for name, number in vars(score).items()
+                if name != "values"
+            }
         records.append(record)
     stream = io.StringIO()
     writer = csv.DictWriter(stream, records[0] if records else (), lineterminator="\n")

@@ -55,10 +55,10 @@ def build(results: Results, name: str) -> list[Table]:
 def load(name: str) -> Mapping[str, Any]:
     """Return the declaration of a paper's table; raise BadData for an unknown name."""
     folder = Path(__file__).parents[1] / "published"
-    names = [path.stem for path in sorted(folder.glob("*.toml"))]
-    if name not in names:
-        raise BadData(f"no published table is called {name!r}: give one of {', '.join(names)}")
-    return tomllib.loads((folder / f"{name}.toml").read_text("utf-8"))
+    paths = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    if name not in paths:
+        raise BadData(f"no published table is called {name!r}: give one of {', '.join(paths)}")
+    return tomllib.loads(paths[name].read_text("utf-8"))
 
 
 def _measured(
