@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
+from scipy import ndimage
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import add_options, option
@@ -193,13 +193,7 @@ def commanded(
 
 def shifted(frame: ByteArray, left_px: float) -> ByteArray:
     """Return the frame [H, W, 3] with its content shifted to the left."""
-    moved = cv2.warpAffine(
-        frame,
-        np.array([[1, 0, -left_px], [0, 1, 0]]),
-        frame.shape[1::-1],
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(moved, np.uint8)
+    return np.asarray(ndimage.shift(frame, (0, -left_px, 0), order=1, mode="nearest"))
 
 
 def received(clip: Clip, stride: int, channel: Channel) -> tuple[ByteArray, ByteArray]:

@@ -24,11 +24,6 @@ import numpy as np
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
 
-KIND = (
-    "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, "
-    "since neighbouring clips overlap"
-)
-
 
 @dataclass(frozen=True)
 class Score:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import KIND, BlockBootstrap
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
@@ -85,6 +85,10 @@ class Method:
             f"{self.label}: {len(names)} clips of {self.dataset.name}, "
             f"every {self.matrix.stride} frames, horizons {horizons}"
         )
+        kind = (
+            "[low, high]: 95 % interval of the mean over clips, block bootstrap within each "
+            "sequence, since neighbouring clips overlap"
+        )
         tables, bootstrap = [], BlockBootstrap()
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4
@@ -101,7 +105,7 @@ class Method:
                 for label, variant in levels.items()
             )
             heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
-            lines = [*notes, *reasons, *self.unavailable, KIND]
+            lines = [*notes, *reasons, *self.unavailable, kind]
             tables.append(Table(name, heading, columns, rows, lines, starred=()))
         return tables
 

@@ -132,8 +132,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         values, bounds = material.values(material.reference, metric), UNBOUNDED
         reference = statistics.mean_of_samples(values)[:, None]
     curves = []
-    styles_of_methods = line_styles(list(methods))
-    for line_style, ((source, _), method) in zip(styles_of_methods, methods.items(), strict=True):
+    styles = line_styles(list(methods))
+    for line_style, ((source, _), method) in zip(styles, methods.items(), strict=True):
         samples = material.values(method, metric) - reference
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method == material.reference or num_steps < min(2, samples.shape[2]):

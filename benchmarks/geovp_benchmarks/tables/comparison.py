@@ -11,10 +11,10 @@ from geovp_benchmarks.tables.scores import method_scores
 from geovp_classic.errors import BadData
 
 
-def compare(a: Results, b: Results, name_a: str = "", name_b: str = "") -> Iterator[str]:
+def compare(a: Results, b: Results, name_a: str, name_b: str) -> Iterator[str]:
     """Yield what differs between two folders, then between methods, and their paired differences.
 
-    Without names, all methods with the same label are compared.
+    With empty names, all methods with the same label are compared.
     """
     names = [(name_a or name_b, name_b or name_a)]
     if not any(names[0]):

@@ -1,6 +1,6 @@
 """The model of a table: methods, columns, and the mean of each method in each column."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -74,13 +74,12 @@ class Table:
         return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
 
 
-def selected_columns(names: Sequence[str], columns: Iterable[str]) -> list[str]:
+def selected_columns(names: Sequence[str], columns: Sequence[str]) -> Sequence[str]:
     """Return the names of columns; raise BadData for an unknown one."""
-    columns = list(columns)
     for name in names:
         if name not in columns:
             raise BadData(f"--metrics: no column is called {name!r}{nearest(name, columns)}")
-    return list(names)
+    return names
 
 
 def best(
