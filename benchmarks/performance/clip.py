@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from geovp_benchmarks.running.profiling import peak_mb
-from geovp_classic import registry
 from geovp_classic.pose_refinement.registration import Registration
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.refined import Refined
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Context, Prediction
+from performance import read_clip
 
 Frames = Literal["crop", "full"]
 
@@ -46,13 +46,9 @@ def stages(method: GeometricPredictor, context: Context) -> tuple[Prediction, di
 
 def lines(rounds: int, kitti: tuple[str, str] | None, frames: Frames) -> list[str]:
     """Return the medians of all stages and of their sum."""
-    spec: dict[str, Any] = {"name": "synthetic"}
-    if kitti is not None:
-        root, sequence = kitti
-        spec = {"name": "kitti", "root": root, "sequences": [sequence], "num_frames": 30}
-    spec["with_full"] = frames == "full"
     method = predictor(frames)
-    context, _ = registry.build("datasets", spec)[0].split(10, method.needs)
+    clip = read_clip(kitti, num_frames=30, with_full=frames == "full")
+    context, _ = clip.split(10, method.needs)
     warm_up, *seconds = [stages(method, context)[1] for _ in range(rounds + 1)]
     medians = {name: np.median([each[name] for each in seconds]) for name in warm_up}
     medians["all"] = np.median([sum(each.values()) for each in seconds])

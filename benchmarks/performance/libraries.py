@@ -34,18 +34,17 @@ class Scene:
     with_outliers: FloatArray  # [N, 2], the last view's rays, some of them far off
 
     @classmethod
-    def random(cls, num_points: int = 300, num_views: int = 8, outlier_ratio: float = 0.15) -> Self:
-        """Draw points within a street's width, 6 to 60 m ahead."""
+    def random(cls) -> Self:
+        """Draw points within a street's width, 6 to 60 m ahead; 45 of 300 are outliers."""
         rng = np.random.default_rng(0)
-        points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (num_points, 3))
-        poses = se3.exp(np.arange(num_views)[:, None] * np.array([0.02, 0, -0.7, 0, 0.01, 0]))
+        points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (300, 3))
+        poses = se3.exp(np.outer(np.arange(8), [0.02, 0, -0.7, 0, 0.01, 0]))
         in_camera = se3.transform(poses, points)
         noise = 0.25 / CAMERA.fx_px
         rays = in_camera[..., :2] / in_camera[..., 2:]
         rays += rng.normal(0, noise, rays.shape)
         with_outliers = rays[-1].copy()
-        count = int(outlier_ratio * num_points)
-        with_outliers[:count] += rng.uniform(-0.1, 0.1, (count, 2))
+        with_outliers[:45] += rng.uniform(-0.1, 0.1, (45, 2))
         return cls(points, poses, rays, noise, with_outliers)
 
 
@@ -67,10 +66,14 @@ def triangulation(scene: Scene) -> Comparison:
         distances = np.linalg.norm(np.reshape(points, (-1, 3)) - scene.points, axis=1)
         return float(np.median(distances))
 
-    def ours() -> FloatArray:
-        return triangulate(scene.rays, scene.cam_from_world)
-
-    return Comparison("triangulation", ours, "pycolmap", rival, error, "m")
+    return Comparison(
+        "triangulation",
+        lambda: triangulate(scene.rays, scene.cam_from_world),
+        "pycolmap",
+        rival,
+        error,
+        "m",
+    )
 
 
 def resection(scene: Scene) -> Comparison:
@@ -88,10 +91,14 @@ def resection(scene: Scene) -> Comparison:
         solution: Any = pycolmap.refine_absolute_pose(pycolmap.Rigid3d(guess[:3]), *arguments)
         return matrix_of(solution["cam_from_world"])
 
-    def ours() -> FloatArray:
-        return refine_pose(scene.points, scene.with_outliers, guess, scene.noise)
-
-    return Comparison("resection", ours, "pycolmap", rival, lambda pose: distance(pose, truth), "m")
+    return Comparison(
+        "resection",
+        lambda: refine_pose(scene.points, scene.with_outliers, guess, scene.noise),
+        "pycolmap",
+        rival,
+        lambda pose: distance(pose, truth),
+        "m",
+    )
 
 
 def relative_pose(scene: Scene) -> Comparison:
@@ -110,13 +117,17 @@ def relative_pose(scene: Scene) -> Comparison:
         )
         return matrix_of(solution["cam2_from_cam1"])
 
-    def ours() -> FloatArray:
-        return refine(*rays, guess, scene.noise)
-
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
 
-    return Comparison("relative pose", ours, "pycolmap", rival, error, "deg")
+    return Comparison(
+        "relative pose",
+        lambda: refine(*rays, guess, scene.noise),
+        "pycolmap",
+        rival,
+        error,
+        "deg",
+    )
 
 
 def adjustment(scene: Scene) -> Comparison:

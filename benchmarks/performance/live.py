@@ -5,24 +5,19 @@ after each; tracking and reconstruction dominate.
 """
 
 import time
-from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.running.profiling import peak_mb
-from geovp_classic import registry
 from geovp_classic.streaming import LivePredictor
+from performance import read_clip
 
 WARM_UP = 20  # frames
 
 
 def lines(num_frames: int, kitti: tuple[str, str] | None) -> list[str]:
     """Return the medians of all stages in wall clock, after the warm-up."""
-    spec: dict[str, Any] = {"name": "synthetic", "num_frames": WARM_UP + num_frames}
-    if kitti is not None:
-        root, sequence = kitti
-        spec |= {"name": "kitti", "root": root, "sequences": [sequence]}
-    clip = registry.build("datasets", spec)[0]
+    clip = read_clip(kitti, num_frames=WARM_UP + num_frames)
     live = LivePredictor(clip.intrinsics, clip.camera_height_m)
     seconds: list[dict[str, float]] = []
     for frame, time_s in zip(clip.frames, clip.times_s, strict=True):

@@ -93,8 +93,7 @@ def near_epipole(past: Trajectory, camera: Intrinsics, radius_px: float = 32.0) 
     It is empty for a stationary camera and for sideways motion.
     """
     last_from_before = se3.inverse(past.world_from_cam[-1]) @ past.world_from_cam[-2]
-    ahead = -last_from_before[:3, 3]
-    if abs(ahead[2]) <= max(1e-3, 1e-6 * np.linalg.norm(ahead)):
+    u, v, ahead = camera.matrix @ last_from_before[:3, 3]
+    if abs(ahead) <= 1e-3:
         return np.zeros((camera.height_px, camera.width_px), bool)
-    centre_px = pinhole.project(ahead * np.sign(ahead[2]), camera)[0]  # the same one backwards
-    return np.linalg.norm(pinhole.pixel_grid(camera) - centre_px, axis=-1) < radius_px
+    return np.linalg.norm(pinhole.pixel_grid(camera) - (u / ahead, v / ahead), axis=-1) < radius_px

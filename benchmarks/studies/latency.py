@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
+from scipy import ndimage
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import add_options, option
@@ -24,7 +24,7 @@ from geovp_classic import registry
 from geovp_classic.geometry import planar, se3
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.streaming import Command, LivePredictor
-from geovp_classic.types import ByteArray, Clip, Context, FloatArray, IntArray
+from geovp_classic.types import ByteArray, Clip, Context, FloatArray
 from studies._figures import panels
 
 LATENCY_FRAMES = np.array([1, 2, 3, 5, 7, 10, 15, 20, 25])  # of 0.1 s
@@ -77,23 +77,23 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
     dataset = registry.build("datasets", spec)
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
-    shown, roads, warned = [], [], []
+
+    def scored(frames: ByteArray, real: ByteArray) -> FloatArray:
+        return np.array([metric(frames, real, None) for metric in metrics.values()])
+
+    shown, warned = [], []
+    names: list[str] = []
     channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
     for index in tracked(range(len(dataset)), len(dataset), progress):
         clip = dataset[index]
         for views, real, fraction in presents(clip, args.every):
-            scores = [
-                [metric(frames, real, None) for metric in metrics.values()] for frames in views
-            ]
-            shown.append(np.array(scores))  # [method, metric, latency]
-            roads.append(index)
+            shown.append([scored(frames, real) for frames in views])
+            names.append(f"{clip.name}/{len(names)}")
             warned.append(fraction)
         for name, channel in CHANNELS.items():
             present, real = received(clip, args.every, replace(channel, seed=index))
-            channels[name].append(
-                np.array([metric(present, real, None) for metric in metrics.values()])
-            )
-    values = np.array(shown)
+            channels[name].append(scored(present, real))
+    values = np.array(shown)  # [present, method, metric, latency]
     yield f"{len(values)} presents of {len(dataset)} drives; the live views are replaced by the "
     yield f"late image, with a warning, in {100 * np.mean(warned):.1f} % of the forecasts"
     for column, name in enumerate(metrics):
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         yield ""
         yield from grid([head, *rows])
     yield ""
-    yield from gains(values, np.array(roads), list(metrics))
+    yield from gains(values, names, list(metrics))
     yield ""
     rows = [
         [name, *(f"{mean:.4g}" for mean in np.concatenate(scores, axis=1).mean(axis=1))]
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         draw(args.plot, values[:, :, 0].mean(axis=0), next(iter(metrics)))
 
 
-def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterator[str]:
+def gains(values: FloatArray, names: Sequence[str], metrics: Sequence[str]) -> Iterator[str]:
     """Yield the mean paired gains of the forecast views, with 95 % intervals."""
     steps = np.flatnonzero(np.isin(LATENCY_FRAMES, (2, 5, 10, 20)))
     rows = []
@@ -126,7 +126,7 @@ def gains(values: FloatArray, roads: IntArray, metrics: Sequence[str]) -> Iterat
             gain = values[:, 3, column] - values[:, reference, column]
             entries = []
             for step in steps:
-                mean = BlockBootstrap().interval(gain[:, step], roads)
+                mean = BlockBootstrap().interval(gain[:, step], names)
                 entries.append(f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]")
             rows.append([f"{metric}: over {METHODS[reference]}", *entries])
     head = ["gain of the forecast views", *(f"{LATENCY_FRAMES[step] / 10:g} s" for step in steps)]
@@ -151,25 +151,24 @@ def presents(
         moved = se3.inverse(poses[step]) @ poses[steps]  # last_from_present
         yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
         commands = commanded(clip, range(step, steps[-1]), errors, rng)
-        forecast = [live.view(now_s) for now_s in clip.times_s[steps]]
+        times_s = clip.times_s[steps]
+        forecast = [live.view(now_s) for now_s in times_s]
+        live_views = [
+            forecast,
+            [live.view(now_s, commands) for now_s in times_s],
+            [live.view(now_s, (), motion) for now_s, motion in zip(times_s, moved, strict=True)],
+        ]
         recent = slice(step - 2, step + 1)
         context = Context(
             frames=clip.frames[recent],
-            times_s=np.append(clip.times_s[recent], clip.times_s[steps]),
+            times_s=np.append(clip.times_s[recent], times_s),
             intrinsics=clip.intrinsics,
         )
         views = [
             np.repeat(frame[None], len(steps), axis=0),
             np.stack([shifted(frame, clip.intrinsics.fx_px * np.tan(yaw)) for yaw in yaw_rad]),
             FlowExtrapolation().predict(context).frames[0],
-            np.stack([view.frame for view in forecast]),
-            np.stack([live.view(now_s, commands).frame for now_s in clip.times_s[steps]]),
-            np.stack(
-                [
-                    live.view(now_s, last_from_present=motion).frame
-                    for now_s, motion in zip(clip.times_s[steps], moved, strict=True)
-                ]
-            ),
+            *(np.stack([view.frame for view in shown]) for shown in live_views),
         ]
         warned = np.mean([not view.is_predicted for view in forecast])
         yield views, clip.frames[steps], float(warned)
@@ -194,13 +193,7 @@ def commanded(
 
 def shifted(frame: ByteArray, left_px: float) -> ByteArray:
     """Return the frame [H, W, 3] with its content shifted to the left."""
-    moved = cv2.warpAffine(
-        frame,
-        np.array([[1, 0, -left_px], [0, 1, 0]]),
-        frame.shape[1::-1],
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(moved, np.uint8)
+    return np.asarray(ndimage.shift(frame, (0, -left_px, 0), order=1, mode="nearest"))
 
 
 def received(clip: Clip, stride: int, channel: Channel) -> tuple[ByteArray, ByteArray]:

@@ -157,7 +157,7 @@ def test_a_printed_component_is_its_default(name: str, printed: Says) -> None:
 def test_a_table_is_no_wider_than_the_terminal(
     columns: int, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name = "a-row-whose-name-is-much-longer-than-anybody-would-like-to-see-in-a-table"
+    name = "a-method-with-a-long-name"
     metrics = ", ".join(f'm{i} = {{ name = "toy-difference", scale = {i}.0 }}' for i in range(1, 9))
     wide = printed(*run(tmp_path, "--set", f"metrics.frame={{ {metrics} }}", **{name: "toy-still"}))
     assert max(map(len, wide.splitlines())) > 120

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, best
+from geovp_benchmarks.tables.table_model import Column, MethodScores, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -19,7 +20,7 @@ OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
 def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
-    score = Score.of(values, CLIPS)
+    score = BlockBootstrap().interval(values, CLIPS)
     return MethodScores(name, {"psnr": score}, marks, score.clips, by_truth)
 
 

@@ -23,6 +23,11 @@ def autocorrelation_time(values: FloatArray, *groups: FloatArray) -> tuple[float
     return BlockBootstrap().autocorrelation_time(whole, Groups.of(sequences, 3))
 
 
+def clips(count: int) -> list[str]:
+    """Return the names of clips of one sequence."""
+    return [f"03/{number:06d}" for number in range(count)]
+
+
 def standard_error(values: FloatArray, tau: float, is_apart: bool = False) -> tuple[float, int]:
     """Return the error and degrees of freedom of one sequence, or of clips that stand alone."""
     sequences = np.arange(len(values)) * is_apart
@@ -36,8 +41,7 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     noise = np.random.default_rng(0).normal(size=(400, 236))
     values = lfilter([1.0], [1.0, -correlation], noise, axis=1)[:, 200:]
     found = [
-        BlockBootstrap(seed=number).interval(row, np.zeros(36, int))
-        for number, row in enumerate(values)
+        BlockBootstrap(seed=number).interval(row, clips(36)) for number, row in enumerate(values)
     ]
     assert low < np.mean([each.low <= 0 <= each.high for each in found]) < high
     # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent values
@@ -55,11 +59,11 @@ def test_quantiles_of_students_t_are_those_of_scipy(degrees: int) -> None:
 
 def test_independent_values_get_about_students_interval() -> None:
     values = np.random.default_rng(0).normal(5.0, 2.0, 400)
-    found = BlockBootstrap().interval(values, np.zeros(400, int))
+    found = BlockBootstrap().interval(values, clips(400))
     low, high = stats.t.interval(0.95, 399, values.mean(), values.std(ddof=1) / 20)
     assert found.mean == pytest.approx(values.mean())
     assert found.high - found.low == pytest.approx(high - low, rel=0.2)
-    assert 250 < found.effective <= 400
+    assert 250 < found.effective_clips <= 400
 
 
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
@@ -86,29 +90,29 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
 def test_a_difference_that_is_always_there_is_not_zero() -> None:
     noise = np.random.default_rng(2).normal(size=30)
     sure = BlockBootstrap(1 - 1e-4)
-    assert sure.interval(0.1 * noise + 1, np.zeros(30, int)).low > 0
-    small = BlockBootstrap(0.1).interval(noise - noise.mean(), np.zeros(30, int))
+    assert sure.interval(0.1 * noise + 1, clips(30)).low > 0
+    small = BlockBootstrap(0.1).interval(noise - noise.mean(), clips(30))
     assert small.low < 0 < small.high
 
 
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
-    found = BlockBootstrap().interval(np.array([1.0, np.nan, 3.0]), np.zeros(3, int))
+    found = BlockBootstrap().interval(np.array([1.0, np.nan, 3.0]), clips(3))
     assert found.mean == 2.0
     assert np.isnan(found.low)
-    assert np.isnan(BlockBootstrap().interval(np.array([np.nan]), np.zeros(1, int)).mean)
+    assert np.isnan(BlockBootstrap().interval(np.array([np.nan]), clips(1)).mean)
 
 
 def test_the_same_seed_gives_the_same_interval() -> None:
     values = np.random.default_rng(3).normal(size=36)
-    first, again = (BlockBootstrap().interval(values, np.zeros(36, int)) for _ in range(2))
-    assert first == again == BlockBootstrap(seed=0).interval(values, np.zeros(36, int))
-    assert first != BlockBootstrap(seed=1).interval(values, np.zeros(36, int))
+    first, again = (BlockBootstrap().interval(values, clips(36)) for _ in range(2))
+    assert first == again == BlockBootstrap(seed=0).interval(values, clips(36))
+    assert first != BlockBootstrap(seed=1).interval(values, clips(36))
     assert first.low < first.mean < first.high
 
 
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
-    clips = ("03/000180", "a/b/7", "7", "03/000190")
-    assert sequences_of(clips).tolist() == [1, 2, 0, 1]
+    names = ("03/000180", "a/b/7", "7", "03/000190")
+    assert sequences_of(names).tolist() == [1, 2, 0, 1]
 
 
 class TestBounds:
@@ -116,11 +120,11 @@ class TestBounds:
 
     @pytest.mark.parametrize("values", [(0.99, 0.97, 0.4, 0.5), (0.01, 0.0, 0.02, 0.9)])
     def test_a_share_stays_a_share(self, values: tuple[float, ...]) -> None:
-        free = BlockBootstrap().interval(np.array(values), np.zeros(4, int))
-        held = BlockBootstrap().interval(np.array(values), np.zeros(4, int), (0.0, 1.0))
+        free = BlockBootstrap().interval(np.array(values), clips(4))
+        held = BlockBootstrap().interval(np.array(values), clips(4), (0.0, 1.0))
         assert free.low < 0 or free.high > 1
         assert (held.low, held.high) == (max(free.low, 0.0), min(free.high, 1.0))
-        assert (held.mean, held.effective) == (free.mean, free.effective)
+        assert (held.mean, held.effective_clips) == (free.mean, free.effective_clips)
 
 
 class TestAutocorrelationTime:
@@ -140,7 +144,7 @@ class TestAutocorrelationTime:
     def test_a_trend_is_worth_four_values(self) -> None:
         for count in (16, 40, 400):
             assert (
-                BlockBootstrap().interval(np.arange(float(count)), np.zeros(count, int)).effective
+                BlockBootstrap().interval(np.arange(float(count)), clips(count)).effective_clips
                 == 4
             )
 
@@ -151,8 +155,8 @@ class TestAutocorrelationTime:
 
 @pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
 def test_equal_values_have_an_interval_without_width(value: float) -> None:
-    found = BlockBootstrap().interval(np.full(8, value), np.zeros(8, int))
-    assert (found.mean, found.low, found.high, found.effective) == (value, value, value, 8)
+    found = BlockBootstrap().interval(np.full(8, value), clips(8))
+    assert (found.mean, found.low, found.high, found.effective_clips) == (value, value, value, 8)
 
 
 def cosine(number: int, count: int) -> FloatArray:
@@ -190,16 +194,16 @@ class TestStandardError:
         values = np.random.default_rng(10).normal(size=count)
         tau, _ = autocorrelation_time(values, np.arange(count))
         error, degrees = standard_error(values, tau)
-        found = BlockBootstrap(level).interval(values, np.zeros(count, int))
+        found = BlockBootstrap(level).interval(values, clips(count))
         half = error * stats.t(degrees).ppf((1 + level) / 2)
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
-        assert found.effective == pytest.approx(count / tau)
+        assert found.effective_clips == pytest.approx(count / tau)
 
 
 def test_many_clips_have_the_interval_of_the_bootstrap_at_a_fraction_of_its_cost() -> None:
     values = np.random.default_rng(11).normal(size=1000)
-    resampled = BlockBootstrap().interval(values, np.zeros(1000, int))
-    normal = BlockBootstrap(max_resampled=999).interval(values, np.zeros(1000, int))
-    assert (resampled.mean, resampled.effective) == (normal.mean, normal.effective)
+    resampled = BlockBootstrap().interval(values, clips(1000))
+    normal = BlockBootstrap(max_resampled=999).interval(values, clips(1000))
+    assert (resampled.mean, resampled.effective_clips) == (normal.mean, normal.effective_clips)
     assert normal.low == pytest.approx(resampled.low, abs=0.005)
     assert normal.high == pytest.approx(resampled.high, abs=0.005)

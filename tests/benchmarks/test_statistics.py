@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.scores import nanmean
 from geovp_classic.types import FloatArray
 from tests.benchmarks.made import scores
@@ -21,7 +22,7 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
     by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
     assert by_clip.tolist() == [2.0, 6.0]
-    assert statistics.standard_error(by_clip) == pytest.approx(2.0)
+    assert BlockBootstrap().interval(by_clip, "ab").standard_error == pytest.approx(2.0)
 
 
 def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> None:
@@ -37,7 +38,7 @@ def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> Non
     by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
     np.testing.assert_array_equal(by_clip, [1.0, NAN, 3.0])
     # s = sqrt(((1-2)^2 + (3-2)^2) / 1) = 1.414; / sqrt(2) = 1
-    assert statistics.standard_error(by_clip) == pytest.approx(1.0)
+    assert BlockBootstrap().interval(by_clip, "abc").standard_error == pytest.approx(1.0)
 
 
 def test_best_sample_is_one_sample_over_all_steps() -> None:

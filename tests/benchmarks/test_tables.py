@@ -1,7 +1,6 @@
 """What a reader of a table must be able to see."""
 
 import csv
-import datetime
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
-from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 
 METRICS = {
@@ -135,38 +133,6 @@ def test_csv_has_every_digit(results: Results) -> None:
     assert float(table[1]["psnr_standard_error"]) == pytest.approx(0.45)
     assert (table[1]["psnr_clips"], table[1]["lpips"], table[1]["lpips_clips"]) == ("2", "", "0")
     assert table[0]["privileged_inputs"] == "pf"
-
-
-class TestPage:
-    """`geovp table --page`: what was printed, with what is needed to print it again."""
-
-    @pytest.fixture
-    def page(self, results: Results, tmp_path: Path) -> Path:
-        protocol = results.protocol()
-        results.write_protocol({**protocol, "versions": {"geovp": "0.1.0", "numpy": "2.4.6"}})
-        return tmp_path / "docs" / "demo.md"
-
-    def test_it_says_commands_date_versions_and_tables(
-        self, results: Results, page: Path, printed: Says
-    ) -> None:
-        told = printed("table", results.root, "--page", page, "--strict")
-        text = page.read_text()
-        assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
-        assert f"geovp table {results.root} --page {page} --strict\n```" in text
-        assert f"Written on {datetime.date.today().isoformat()} by" in text
-        assert "computed with geovp 0.1.0, numpy 2.4.6." in text
-        assert told.strip() in text
-
-    def test_notes_below_stay_and_old_tables_go(
-        self, results: Results, page: Path, printed: Says
-    ) -> None:
-        page.parent.mkdir()
-        opening, notes = "# demo\n\nCopies win.\n\n```sh\n", "\n\n## Notes\n\nStill blurs.\n"
-        page.write_text(f"{opening}old numbers{notes}")
-        printed("table", results.root, "--page", page)
-        assert page.read_text().startswith(opening)
-        assert page.read_text().endswith(notes)
-        assert "old numbers" not in page.read_text()
 
 
 @pytest.fixture

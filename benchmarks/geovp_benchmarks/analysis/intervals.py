@@ -14,28 +14,44 @@ sequences; what others would give cannot be told from a few.
 """
 
 import functools
+import math
 import statistics
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_classic.types import FloatArray, IntArray
 
-KIND = (
-    "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, "
-    "since neighbouring clips overlap"
-)
-
 
 @dataclass(frozen=True)
-class Interval:
-    """A mean with its interval; NaN where too few clips have a value."""
+class Score:
+    """The mean of a method over clips with its interval; NaN where too few clips have a value."""
 
     mean: float
-    low: float
-    high: float
-    effective: float  # effective sample size in clips
+    low: float = math.nan
+    high: float = math.nan
+    standard_error: float = math.nan  # as if clips were independent
+    clips: int = 0  # that have a value
+    effective_clips: float = 0.0
+    # [N] by clip, each a mean over steps; empty for a published score
+    values: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
+
+    @property
+    def is_exact(self) -> bool:
+        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
+        return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
+
+    @property
+    def is_significant(self) -> bool:
+        """Return whether the interval excludes zero."""
+        return self.low > 0 or self.high < 0
+
+    @property
+    def has_few_clips(self) -> bool:
+        """Return whether the effective clips are too few to rely on the interval."""
+        return self.effective_clips < 8
 
 
 @functools.lru_cache(maxsize=4)  # all scores of a table share them
@@ -102,41 +118,47 @@ class BlockBootstrap:
 
     def interval(
         self,
-        values: FloatArray,  # [N], in the order in which clips were taken; NaN is left out
-        sequences: IntArray,  # [N], where each is cut from
+        values: FloatArray,  # [N]; NaN is left out
+        clips: Sequence[str],  # [N], in the order in which they were taken
         bounds: Bounds = UNBOUNDED,
-    ) -> Interval:
+    ) -> Score:
         """Return the mean and its interval; without one for fewer than three values.
 
         It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
         between them, so that the interval holds it as often as before.
         """
         is_finite = np.isfinite(values)
-        values, sequences = values[is_finite], sequences[is_finite]
-        if not len(values):
-            return Interval(np.nan, np.nan, np.nan, 0.0)
+        finite, sequences = values[is_finite], sequences_of(tuple(clips))[is_finite]
+        count = len(finite)
+        if count == 0:
+            return Score(math.nan, values=values)
         groups = Groups.of(sequences, self.min_length)
-        values, mean, count = values[groups.order], float(values.mean()), len(values)
-        tau, visible = self.autocorrelation_time(values, groups)
-        if count < 3:
-            return Interval(mean, np.nan, np.nan, count / tau)
+        mean, ordered = float(finite.mean()), finite[groups.order]
+        tau, visible = self.autocorrelation_time(ordered, groups)
+        error = float(finite.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
+        low = high = math.nan
+        if count > 2:
+            offsets = self.offsets(ordered, groups, tau, visible)
+            low, high = np.clip(mean + offsets, *bounds).tolist()
+        return Score(mean, low, high, error, count, count / tau, values)
+
+    def offsets(self, values: FloatArray, groups: Groups, tau: float, visible: int) -> FloatArray:
+        """Return both ends of the interval less the mean [2], for values in the groups' order."""
+        count, mean, deviation = len(values), values.mean(), float(values.std(ddof=1))
+        if deviation <= 1e-12 * abs(mean):
+            return np.zeros(2)
         error, degrees = self.standard_error(values, groups, tau)
         # few slow cosines can be small by chance
-        error = max(error, self.min_error_ratio * float(values.std(ddof=1)) / np.sqrt(count))
-        if count > self.max_resampled:
-            fractions = (np.arange(self.num_resamples) + 0.5) / self.num_resamples
-            off = np.array([_normal_quantile(fraction) for fraction in fractions.tolist()])
-        else:
+        error = max(error, self.min_error_ratio * deviation / np.sqrt(count))
+        tail = (1 + self.level) / 2
+        normal = statistics.NormalDist().inv_cdf(tail)
+        quantiles, spread = np.array([-normal, normal]), 1.0
+        if count <= self.max_resampled:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
-            means = np.einsum("rn,n->r", draws, values) / count  # without threads, unlike @
-            off = means - mean
-        if values.std() <= 1e-12 * abs(mean):
-            return Interval(mean, mean, mean, count / tau)
-        tail = (1 + self.level) / 2
-        factor = student_quantile(degrees, tail) / _normal_quantile(tail) * error / off.std()
-        low, high = np.clip(mean + factor * np.quantile(off, [1 - tail, tail]), *bounds)
-        return Interval(mean, float(low), float(high), count / tau)
+            off = np.einsum("rn,n->r", draws, values) / count - mean  # without threads, unlike @
+            quantiles, spread = np.quantile(off, [1 - tail, tail]), off.std()
+        return np.asarray(student_quantile(degrees, tail) / normal * error / spread * quantiles)
 
     def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:
         """Return tau, from 1 for independent values to N / min_effective, and the visible lags.
@@ -217,7 +239,3 @@ def student_quantile(degrees: int, fraction: float) -> float:
     mass = np.concatenate([[0.0], np.cumsum(np.cos(middles_rad) ** (degrees - 1))])
     angle_rad = np.interp(2 * fraction - 1, mass / mass[-1], angles_rad)
     return float(np.sqrt(degrees) * np.tan(angle_rad))
-
-
-def _normal_quantile(fraction: float) -> float:
-    return statistics.NormalDist().inv_cdf(fraction)

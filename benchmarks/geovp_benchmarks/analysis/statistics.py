@@ -39,9 +39,3 @@ def reductions(num_samples: int) -> dict[str, Reduction]:
         f", mean of {num_samples}": mean_of_samples,
         f", best of {num_samples}": best_of_samples,
     }
-
-
-def standard_error(values: FloatArray) -> float:
-    """Return the standard error of the mean of values [N] without NaN; NaN for fewer than two."""
-    finite = values[np.isfinite(values)]
-    return float(finite.std(ddof=1) / np.sqrt(len(finite))) if len(finite) > 1 else float("nan")

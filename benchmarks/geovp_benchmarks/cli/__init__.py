@@ -95,7 +95,6 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         argcomplete.autocomplete(parser)
     args, rest = verbosity().parse_known_args(words)
     parser.parse_args(rest, args)
-    args.words = rest
     with messages(args.quiet, args.verbose), sigterm_as_interrupt():
         try:
             return print_lines(args)

@@ -9,9 +9,15 @@ Examples:
   geovp budget demo --method 'gt-3d + fusion' --limit 3 --sensitivity
 """
 
+from __future__ import annotations
+
 import argparse
+from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
+
+if TYPE_CHECKING:
+    from geovp_benchmarks.tables.table_model import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,13 +34,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables."""
+    from geovp_benchmarks.tables.formats import markdown
+
+    yield from map(markdown, tables(args, progress))
+
+
+def tables(args: argparse.Namespace, progress: Progress) -> list[Table]:
+    """Return a table per metric."""
     from geovp_benchmarks.evaluation import error_budget
     from geovp_benchmarks.matrix import schema
-    from geovp_benchmarks.tables.formats import markdown
     from geovp_classic.types import PrivilegedInput
 
     matrix = schema.read(args.matrix, args.set).with_root(args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
-    yield from map(markdown, measure(method, progress))
+    return measure(method, progress)

@@ -51,7 +51,6 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.running.dry_run import dry_run
     from geovp_benchmarks.running.plan import Options
     from geovp_benchmarks.running.run import run as run_matrix
-    from geovp_benchmarks.tables import formats, tables
     from geovp_classic import registry
 
     matrices = {
@@ -74,10 +73,6 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         results = Results(root / label)
         methods = run_matrix(matrix.with_device(args.device), results, options, executor, progress)
         codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
-    if len(codes) > 1:
-        table = tables.side_by_side(Results(root))
-        formats.write_all(Results(root), [table])
-        yield formats.markdown(table, terminal_width())
     return max(codes)
 
 

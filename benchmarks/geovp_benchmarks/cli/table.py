@@ -11,12 +11,10 @@ Examples:
 from __future__ import annotations
 
 import argparse
-import shlex
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
 from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
-from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
@@ -42,9 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
         "--label NAME": option("Label of the first LaTeX table. Default: tab:TABLE.", ""),
         "--caption TEXT": option("Caption of the first LaTeX table. Default: its title.", ""),
-        "--page FILE": (
-            "Also write a page of the documentation, whose opening and notes stay. Default: none."
-        ),
     }
     add_options(parser, output, "output")
 
@@ -53,13 +48,10 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
-    from geovp_benchmarks.tables.tables import side_by_side
 
     results = Results(args.folder).select(*args.methods)
     datasets = results.by_dataset().values()
     tables = [table for dataset in datasets for table in tables_of(args, dataset)]
-    if len(datasets) > 1:
-        tables.append(side_by_side(results))
     match args.format:
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
@@ -67,19 +59,9 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
             first = formats.latex(tables[0], args.caption, args.label)
             text = "\n".join([first, *map(formats.latex, tables[1:])])
         case "md":
-            width = None if args.page else terminal_width()
-            if args.page:
-                tables = formats.without_repeated_notes(tables)
+            width = terminal_width()
             text = "\n".join(formats.markdown(table, width) for table in tables)
     yield text
-    if args.page is not None:
-        if args.format != "md":
-            raise BadData("--page is written as md: leave --format out")
-        protocol = results.protocol()
-        versions = ", ".join(map(" ".join, protocol["versions"].items()))
-        origin = f"`geovp table --page`; computed with {versions}"
-        commands = [f"geovp run {protocol['name']}", shlex.join(["geovp", *args.words])]
-        formats.write_page(args.page, protocol["name"], commands, origin, text)
 
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:

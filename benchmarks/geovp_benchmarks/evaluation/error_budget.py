@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import KIND
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, tracked
-from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.running.scoring import Metrics
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -59,49 +58,54 @@ class Method:
 
         Raises Incompatible if all variants are impossible on all clips.
         """
-        variants = dict.fromkeys(
-            variant for row in pairs.values() for pair in row.values() for variant in pair
-        )
-        # NaN where a variant is impossible
-        scores = np.full((len(variants), len(self.metrics), self.num_clips), np.nan)
+        shape = len(self.metrics), self.num_clips
+        scores = {  # by variant; NaN where it is impossible
+            variant: np.full(shape, np.nan)
+            for row in pairs.values()
+            for pair in row.values()
+            for variant in pair
+        }
         names: list[str] = []
         reasons = {}
         for number in tracked(range(self.num_clips), self.num_clips, progress):
             clip = self.dataset[number]
             names.append(clip.name)
             predict = prepare(clip)
-            for place, variant in enumerate(variants):
+            for variant, of_variant in scores.items():
                 try:
                     frames = predict(variant)
                     values = [metric(*frames, None).mean() for metric in self.metrics.values()]
-                    scores[place, :, number] = values
+                    of_variant[:, number] = values
                 except Incompatible as error:
                     reasons[str(error)] = error
-        if np.isnan(scores).all():
+        if np.isnan([*scores.values()]).all():
             raise next(iter(reasons.values()))
         horizons = ", ".join(str(step + 1) for step in self.steps)
         title = (
             f"{self.label}: {len(names)} clips of {self.dataset.name}, "
             f"every {self.matrix.stride} frames, horizons {horizons}"
         )
-        tables = []
+        kind = (
+            "[low, high]: 95 % interval of the mean over clips, block bootstrap within each "
+            "sequence, since neighbouring clips overlap"
+        )
+        tables, bootstrap = [], BlockBootstrap()
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4
             columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
-            of_metric = dict(zip(variants, scores[:, number], strict=True))
             rows = []
             for label, row in pairs.items():
                 changes = {
-                    key: Score.of(of_metric[after] - of_metric[before], names, UNBOUNDED)
+                    key: bootstrap.interval(scores[after][number] - scores[before][number], names)
                     for key, (before, after) in row.items()
                 }
                 rows.append(MethodScores(label, changes, num_clips=len(names)))
             means = ", ".join(
-                f"{label} {np.nanmean(of_metric[variant]):.{decimals}f}"
+                f"{label} {np.nanmean(scores[variant][number]):.{decimals}f}"
                 for label, variant in levels.items()
             )
             heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
-            lines = [*notes, *reasons, *self.unavailable, KIND]
+            lines = [*notes, *reasons, *self.unavailable, kind]
             tables.append(Table(name, heading, columns, rows, lines, starred=()))
         return tables
 
@@ -195,11 +199,10 @@ def offsets(
 
     Positive ones are shifts to the right, down and forward; turns up, to the right and clockwise.
     """
-    axes = dict(zip(("x", "y", "z", "pitch", "yaw", "roll"), np.eye(6), strict=True))
     twists = {}
-    for axis, direction in axes.items():
-        is_shift = axis in "xyz"
-        for size in shifts_m if is_shift else angles_deg:
-            twist = direction * (size if is_shift else np.radians(size))
-            twists[f"{axis} {size:g} {'m' if is_shift else 'deg'}"] = tuple(twist.tolist())
+    for number, axis in enumerate(("x", "y", "z", "pitch", "yaw", "roll")):
+        unit, sizes = ("m", shifts_m) if number < 3 else ("deg", angles_deg)
+        for size in sizes:
+            amount = size if unit == "m" else np.radians(size)
+            twists[f"{axis} {size:g} {unit}"] = tuple(amount * np.eye(6)[number])
     return twists

@@ -54,24 +54,15 @@ def read_windows(
     return windows
 
 
-def evaluate(
-    windows: Sequence[Window],
-    forecaster: Forecaster,
-    progress: Progress,
-    regions: Sequence[float] = (0.5, 0.9),
-) -> Scores:
+def evaluate(windows: Sequence[Window], forecaster: Forecaster, progress: Progress) -> Scores:
     """Return the scores of a forecaster on all windows."""
     items = tracked(windows, len(windows), progress)
-    results = [window_scores(forecaster, *window, regions) for window in items]
+    results = [window_scores(forecaster, *window) for window in items]
     return {name: np.array([scores[name] for scores in results]) for name in results[0]}
 
 
 def window_scores(
-    forecaster: Forecaster,
-    past: Trajectory,
-    future: Trajectory,
-    regions: Sequence[float] = (0.5, 0.9),  # probabilities
-    num_samples: int = 100,
+    forecaster: Forecaster, past: Trajectory, future: Trajectory, num_samples: int = 100
 ) -> dict[str, float]:
     """Return the scores of one window, averaged over steps or at a step "@k".
 
@@ -104,7 +95,7 @@ def window_scores(
         on_plane = forecast.states_of(poses)
         scores["NLL nats"] = -forecast.log_density(on_plane[None]).mean()
         for name, ranks in highest_density_ranks(forecast, on_plane, truth[:, 3:]).items():
-            for region in regions:
+            for region in (0.5, 0.9):  # probabilities
                 is_inside = ranks <= region
                 label = f"{name} in {region:.0%}"
                 scores |= {label: is_inside.mean(), f"{label} @{last}": float(is_inside[-1])}

@@ -32,16 +32,14 @@ class TrackedPath:
 
         Drift needs segments of 100 m. All need recorded poses and a scale that is known or fitted.
         """
-        truth = self.truth
+        truth, estimate = self.truth, self.estimate
+        is_scaled = alignment in ("scale", "sim3")
         with suppress(BadData):  # a stationary camera
-            is_metric = truth is not None and self.estimate.is_metric and truth.is_metric
-            if truth is not None and (is_metric or alignment in ("scale", "sim3")):
-                aligned = drift.aligned(self.estimate, truth, alignment)
+            if truth is not None and (is_scaled or (estimate.is_metric and truth.is_metric)):
+                aligned = drift.aligned(estimate, truth, alignment)
                 drifted = drift.kitti_drift(aligned, truth)
-                errors = (
-                    drift.absolute_error_m(aligned, truth),
-                    *drift.relative_error(aligned, truth),
-                )
+                position_m = drift.absolute_error_m(aligned, truth)
+                errors = position_m, *drift.relative_error(aligned, truth)
                 return [
                     drifted.translation_percent,
                     drifted.rotation_deg_per_100m,

@@ -31,7 +31,7 @@ from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.exposure import ToneCurve
-from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Motion, Trajectory, Views
+from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Motion, Views
 
 Oracles = frozenset[str]  # the stages from ground truth
 POSE_STAGES = ("across", "height", "along", "yaw", "pitch", "roll")
@@ -52,7 +52,10 @@ class OracleClip:
         self.steps = np.array(steps)  # of the future, to be scored
         self.truth = truth.estimate(self.context)
         self.estimate = self.source.estimate(self.context.only(self.source.needs))
-        real, estimated = displacement(self.truth.past), displacement(self.estimate.past)
+        real, estimated = (
+            float(se3.step_lengths(path.world_from_cam[[0, -1]])[0])  # from the first to the last
+            for path in (self.truth.past, self.estimate.past)
+        )
         self.metres_per_unit = real / estimated if real and estimated else 1.0
         self.scene = functools.cache(self._scene)
         self.view = functools.cache(self._view)
@@ -149,12 +152,6 @@ def matched_exposure(
         for image in (predicted, real)
     )
     return ToneCurve().apply(predicted, float(np.log(np.median(after / before))))
-
-
-def displacement(path: Trajectory) -> float:
-    """Return the distance between the first and the last camera."""
-    first, last = path.world_from_cam[[0, -1], :3, 3]
-    return float(np.linalg.norm(last - first))
 
 
 def last_from_future(motion: Motion) -> FloatArray:

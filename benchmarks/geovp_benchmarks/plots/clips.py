@@ -19,12 +19,9 @@ def clip_pages(material: Material, number: int, name: str, options: Options) -> 
     clip, past = material.results.clip(name), material.protocol["num_past"]
     rows = {"ground truth": clip.frames[past:]}
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
-    shown = material.shown(options.max_methods)
-    in_strip = shown if material.results.selected else material.shown(options.max_strip_methods)
-    for method, prediction in material.predictions(name, shown):
-        if method in in_strip:
-            text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
-            rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
+    for method, prediction in material.predictions(name, material.shown(options.max_methods)):
+        text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
+        rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
         if prediction.motion:
             motions.setdefault(method.pose_source or method.label, prediction.motion)
     data, pages = stored_facts.data_name(material.protocol), []

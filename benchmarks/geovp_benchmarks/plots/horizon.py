@@ -10,6 +10,7 @@ from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
 from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
 from geovp_benchmarks.results import stored_facts
@@ -17,7 +18,6 @@ from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import facts_of
-from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.types import FloatArray
 
 
@@ -60,7 +60,8 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
         aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
-                score = Score.of(curve.values[:, step - 1], curve.clips, curve.bounds)
+                values = curve.values[:, step - 1]
+                score = BlockBootstrap().interval(values, curve.clips, curve.bounds)
                 axes.vlines(step + aside, score.low, score.high, line_style["color"], linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     page.add_legend(lines)
@@ -70,11 +71,8 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
-    scores = [material.scores[method.name].values for method in material.methods]
-    return sorted(
-        {name for values in scores for name in values},
-        key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name),
-    )
+    stored = {name for scores in material.scores.values() for name in scores.values}
+    return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name))
 
 
 @context(SHEET)
@@ -134,8 +132,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         values, bounds = material.values(material.reference, metric), UNBOUNDED
         reference = statistics.mean_of_samples(values)[:, None]
     curves = []
-    styles_of_methods = line_styles(list(methods))
-    for line_style, ((source, _), method) in zip(styles_of_methods, methods.items(), strict=True):
+    styles = line_styles(list(methods))
+    for line_style, ((source, _), method) in zip(styles, methods.items(), strict=True):
         samples = material.values(method, metric) - reference
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method == material.reference or num_steps < min(2, samples.shape[2]):

@@ -28,12 +28,12 @@ class Material:
     def read(cls, results: Results, options: Options) -> Self:
         """Read everything but images; raise BadData without results or without a named method."""
         labels = [method.label for method in results.methods() if method.num_clips]
-        if options.against:
+        if options.against is not None:
             labels.append(options.against)
         contents = results.select(*dict.fromkeys(labels)).contents()
-        methods, label = contents.methods, options.against
-        reference = next((method for method in methods if method.label == label), None)
-        return cls(results, contents.protocol, methods, contents.scores, reference)
+        named = {method.label: method for method in contents.methods}
+        reference = named.get(options.against or "")
+        return cls(results, contents.protocol, contents.methods, contents.scores, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
@@ -45,13 +45,12 @@ class Material:
 
         They are ranked by the first metric of frames with a direction.
         """
+        metric, facts = next(iter(self.frame_metrics.items()), ("", {}))
+        sign = -1 if facts.get("higher_is_better") else 1
 
         def error(method: Method) -> float:
-            for metric, facts in self.frame_metrics.items():
-                sign = -1 if facts["higher_is_better"] else 1
-                mean = nanmean(self.values(method, metric).ravel(), axis=0)
-                return float(np.nan_to_num(sign * mean, nan=np.inf))
-            return 0.0
+            mean = nanmean(self.values(method, metric).ravel(), axis=0)
+            return float(np.nan_to_num(sign * mean, nan=np.inf))
 
         ranked = sorted(self.methods, key=error)
         first = [m for m in ranked if m == self.reference or m.label == "copy-last"]

@@ -27,7 +27,6 @@ class Options:
     formats: tuple[str, ...] = ()  # empty: the formats of each figure
     width_in: float | None = None  # in a paper, without titles; None: as each kind of figure has it
     max_methods: int = 12  # more cannot be told apart
-    max_strip_methods: int = 6  # of a film strip, unless methods are named
     max_intervals: int = 6  # with more lines, no intervals are drawn: they would cover the lines
 
 

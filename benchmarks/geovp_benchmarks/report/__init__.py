@@ -8,7 +8,7 @@ from pathlib import Path
 import jinja2
 
 from geovp_benchmarks import plots
-from geovp_benchmarks.analysis import confidence, strata
+from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
@@ -46,22 +46,19 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     )
     templates.filters["base64"] = lambda content: base64.b64encode(content).decode()
     templates.filters["json"] = lambda value: json.dumps(value, ensure_ascii=False, indent=2)
-    templates.filters["inputs"] = lambda name: MARKS[name][1]
+    templates.filters["title"] = title
     html = templates.get_template("report.html").render(
         protocol=protocol,
         summary=summary(protocol),
         methods=contents.methods,
-        findings=headline.sentences(against or "copy-last") if headline else [],
         headline=headline,
+        baseline=against or "copy-last",
+        marks=MARKS,
         scores=scores,
         against=tables.against(results, against, metrics=metrics) if against else None,
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
         clips=films.shown_clips(material, headline),
         step_s=material.step_s,
-        confidence={
-            title(metric): confidence.rankings(contents, metric)
-            for metric in list(material.frame_metrics)[:1]
-        },
     )
     write_bytes(results.report, html.encode())

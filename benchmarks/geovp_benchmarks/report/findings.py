@@ -1,4 +1,4 @@
-"""The findings that open a report, written from the numbers of the main table."""
+"""The numbers of the findings that open a report, from the main table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,9 +6,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
 from geovp_benchmarks.plots.material import uses_ground_truth
-from geovp_benchmarks.results.stored_facts import MARKS, facts_of, title
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.results.stored_facts import facts_of
+from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 
 
 @dataclass(frozen=True)
@@ -59,44 +60,11 @@ class Headline:
             return float("nan")
         return float(self.judge.scores[self.column.key].values[self.clips.index(clip)])
 
-    def sentences(self, baseline: str) -> list[str]:
-        """State the best methods without and with ground truth, and a gain."""
-        fair, best = (self.best(baseline, privileged=is_so) for is_so in (False, True))
-        marks = best.marks if best else ""
-        inputs = ", ".join(meaning for mark, meaning in MARKS.values() if mark in marks)
-        return [
-            self._best_sentence("Without ground truth", fair),
-            self._best_sentence(f"With ground truth ({inputs or 'any'})", best),
-            self._gain_sentence(fair or best, baseline),
-        ]
-
-    def _best_sentence(self, condition: str, method: MethodScores | None) -> str:
-        if method is None:
-            return f"{condition}, no method has scores on all clips."
-        key = self.column.key
-        return (
-            f"{condition}, {method.label} is best: {title(key)} {self._text(method.scores[key])}."
-        )
-
-    def _gain_sentence(self, method: MethodScores | None, baseline: str) -> str:
+    def gain(self, baseline: str) -> Score | None:
+        """Return the gain of the best method, if possible without ground truth, or None."""
+        best = self.best(baseline, privileged=False) or self.best(baseline, privileged=True)
         rival = next((other for other in self.methods if other.label == baseline), None)
-        if method is None or rival is None:
-            return f"The gain over {baseline} is unknown: a method or {baseline} lacks scores."
-        key = self.column.key
-        difference = method.scores[key].values - rival.scores[key].values
-        gain = Score.of(difference, self.clips)
-        verdict = f"which is {'not ' * (gain.low <= 0 <= gain.high)}significant"
-        if gain.has_few_clips:
-            clips = f"{gain.effective_clips:.0f} effective clips"
-            verdict = f"which is not tested: {clips} are too few"
-        change = self._text(gain, "+")
-        return (
-            f"Compared with {baseline}, {method.label} changes {title(key)} by {change}, {verdict}."
-        )
-
-    def _text(self, score: Score, sign: str = "") -> str:
-        style = f"{sign}.{self.column.decimals}f"
-        mean = f"{score.mean:{style}} {self.unit}".strip()
-        if not np.isfinite(score.low):
-            return f"{mean} (fewer than three clips: no interval)"
-        return f"{mean} [{score.low:{style}},\N{NO-BREAK SPACE}{score.high:{style}}]"
+        if best is None or rival is None:
+            return None
+        scores = (method.scores[self.column.key].values for method in (best, rival))
+        return BlockBootstrap().interval(np.subtract(*scores), self.clips)

@@ -3,7 +3,7 @@ privileged inputs of a method.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from geovp_benchmarks.results.score_names import Bounds
@@ -33,9 +33,14 @@ def title(metric: str) -> str:
     return f"{words}, {pixels} pixels" if pixels else words
 
 
+def metric_of(key: str) -> str:
+    """Return the metric of a column, such as "psnr" of "psnr@covered" or "psnr t+5"."""
+    return key.split("@")[0].split(" ")[0]
+
+
 def facts_of(key: str, protocol: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return what the protocol says about the metric of a column."""
-    facts: Mapping[str, Any] = protocol["metrics"].get(key.split("@")[0].split(" ")[0], {})
+    facts: Mapping[str, Any] = protocol["metrics"].get(metric_of(key), {})
     return facts
 
 
@@ -72,10 +77,3 @@ def summary(protocol: Mapping[str, Any]) -> str:
 def marks(method: Method) -> str:
     """Return the letters next to the name of a method."""
     return "".join(MARKS[name][0] for name in method.privileged_inputs)
-
-
-def legend(methods: Iterable[Method]) -> list[str]:
-    """Return what the letters next to methods mean."""
-    used = {name for method in methods for name in method.privileged_inputs}
-    words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
-    return [f"Privileged inputs: {', '.join(words)}."] if words else []

@@ -4,17 +4,17 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import Score
 from geovp_classic.errors import BadData
 
 
-def compare(a: Results, b: Results, name_a: str = "", name_b: str = "") -> Iterator[str]:
+def compare(a: Results, b: Results, name_a: str, name_b: str) -> Iterator[str]:
     """Yield what differs between two folders, then between methods, and their paired differences.
 
-    Without names, all methods with the same label are compared.
+    With empty names, all methods with the same label are compared.
     """
     names = [(name_a or name_b, name_b or name_a)]
     if not any(names[0]):
@@ -25,12 +25,11 @@ def compare(a: Results, b: Results, name_a: str = "", name_b: str = "") -> Itera
     shared = list(_differences(_protocol(a), _protocol(b)))
     yield from shared
     for name, other_name in names:
-        (method,) = a.select(name).methods()
-        (other,) = b.select(other_name).methods()
+        side, other = a.select(name), b.select(other_name)
         yield f"\n{name}" if name == other_name else f"\n{name} (A), {other_name} (B)"
-        lines = list(_differences(_facts(a, method), _facts(b, other)))
+        lines = list(_differences(_facts(side), _facts(other)))
         yield from lines if lines or shared else ["Nothing differs that is stored."]
-        yield from _paired_differences(a, b, method, other)
+        yield from _paired_differences(side, other)
 
 
 def _protocol(results: Results) -> dict[str, Any]:
@@ -40,8 +39,9 @@ def _protocol(results: Results) -> dict[str, Any]:
     return {**protocol, "clips": dict.fromkeys(protocol["clips"], "present")}
 
 
-def _facts(results: Results, method: Method) -> dict[str, Any]:
-    """Return what is stored about a method and decides its scores."""
+def _facts(results: Results) -> dict[str, Any]:
+    """Return what is stored about the selected method and decides its scores."""
+    (method,) = results.methods()
     scored = results.score_records(method.name)
     return {
         "status": method.status,
@@ -71,17 +71,16 @@ def _differences(
         yield f"{prefix}: {len(different) - max_lines} more differences."
 
 
-def _paired_differences(a: Results, b: Results, method: Method, other: Method) -> Iterator[str]:
+def _paired_differences(*sides: Results) -> Iterator[str]:
     """Yield the means of each metric, and the mean difference over common clips."""
-    clips, clips_b = a.protocol()["clips"], b.protocol()["clips"]
+    contents = [results.contents() for results in sides]
+    clips, clips_b = (side.protocol["clips"] for side in contents)
+    scores, scores_b = (method_scores(side, side.methods[0])[0].scores for side in contents)
     common = [clip for clip in clips if clip in clips_b]
-    scores, scores_b = (
-        method_scores(results.contents(), of)[0].scores for results, of in ((a, method), (b, other))
-    )
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
-        gap = Score.of(gaps, common)
+        gap = BlockBootstrap().interval(gaps, common)
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "

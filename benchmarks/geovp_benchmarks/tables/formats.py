@@ -1,22 +1,19 @@
-"""Tables as Markdown, LaTeX and CSV, in a terminal and on pages of the documentation.
+"""Tables as Markdown, LaTeX and CSV.
 
 LaTeX needs the packages booktabs and graphicx; a table is never wider than a column of text.
 """
 
 import csv
-import datetime
 import io
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
+from geovp_benchmarks.tables.table_model import Table
+from geovp_benchmarks.tables.templates import template
 from geovp_classic.data.atomic import write_bytes
 
 ESCAPED = str.maketrans(
@@ -58,21 +55,15 @@ def markdown(table: Table, width: int | None = None) -> str:
     return "\n".join([f"## {table.title}", "", *blocks(lines, width), "", *notes, ""])
 
 
-def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 2) -> list[str]:
-    """Return a grid, or several that fit a width; all have the first columns, names shortened."""
-    if width is not None:
-        half = width // 6
-        lines = [
-            [name if len(name) <= 2 * half else f"{name[: half - 1]}…{name[-half:]}", *texts]
-            for name, *texts in lines
-        ]
+def blocks(lines: Sequence[Sequence[str]], width: int | None) -> list[str]:
+    """Return a grid, or several that fit a width; all have the first two columns."""
     text = grid(lines)
-    size = len(lines[0]) - num_shared
+    size = len(lines[0]) - 2
     while width is not None and size > 1 and max(map(len, text)) > width:
         size -= 1
         text = []
-        for start in range(num_shared, len(lines[0]), size):
-            block = [[*line[:num_shared], *line[start : start + size]] for line in lines]
+        for start in range(2, len(lines[0]), size):
+            block = [[*line[:2], *line[start : start + size]] for line in lines]
             text += ["", *grid(block)] if text else grid(block)
     return text
 
@@ -95,48 +86,13 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    caption = caption or escape(f"{table.title}.")
-    first = rf"\caption{{{caption}}}\label{{{label or f'tab:{table.name}'}}}"
-    continued = rf"\addtocounter{{table}}{{-1}}\caption[]{{{caption} (Continued.)}}"
-    num_floats = max(1, -(-len(table.columns) // max_columns))
-    lines: list[str] = []
-    for places in np.array_split(np.arange(len(table.columns)), num_floats):
-        columns = [table.columns[place] for place in places]
-        head = continued if lines else first
-        lines += [r"\end{table}"] * bool(lines)
-        lines += [r"\begin{table}", r"\centering", head, *_tabular(table, columns)]
-    notes = [rf"{escape(note)}\par" for note in table.notes]
-    lines += [r"\par\medskip", r"\begin{minipage}{\linewidth}\scriptsize\raggedright", *notes]
-    return "\n".join([*lines, r"\end{minipage}", r"\end{table}", ""])
-
-
-def _tabular(table: Table, columns: Sequence[Column]) -> list[str]:
-    """Return the lines of some columns, no wider than a line of the text."""
-
-    def heading(column: Column) -> str:
-        lines = r"\\".join(map(escape, textwrap.wrap(column.heading, 14)))
-        return rf"\shortstack[r]{{{lines}}}"
-
-    def entry(method: MethodScores, column: Column) -> str:
-        mean, error = table.texts(method, column, r"\textbf{{{}}}")
-        if "[" not in error:
-            return mean + escape(error)
-        return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{mean}\\\scriptsize{error}\end{{tabular}}"
-
-    rows = [["method", "clips", *map(heading, columns)]]
-    for method in table.methods:
-        marks = rf"$^{{\mathrm{{{method.marks}}}}}$" if method.marks else ""
-        name = "{}" + escape(method.label) + marks
-        rows.append([name, table.clips(method), *(entry(method, column) for column in columns)])
-    head, *body = (rf"{' & '.join(row)} \\" for row in rows)
-    return [
-        r"\small\setlength{\tabcolsep}{4pt}",
-        r"\sbox0{%",
-        rf"\begin{{tabular}}{{@{{}}lr{'r' * len(columns)}@{{}}}}",
-        *(r"\toprule", head, r"\midrule", *body, r"\bottomrule"),
-        r"\end{tabular}}%",
-        r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi",
-    ]
+    return template("table.tex").render(
+        table=table,
+        escape=escape,
+        caption=caption or escape(f"{table.title}."),
+        label=label or f"tab:{table.name}",
+        num_floats=max(1, -(-len(table.columns) // max_columns)),
+    )
 
 
 def escape(text: str) -> str:
@@ -155,42 +111,18 @@ def comma_separated(table: Table) -> str:
             "protocol": method.protocol,
         }
         for column in table.columns:
-            for name, number in vars(method.scores.get(column.key) or Score(math.nan)).items():
-                if name != "values":
-                    key = f"{column.key}_{name}".removesuffix("_mean")
-                    record[key] = "" if math.isnan(number) else number
+            score = method.scores.get(column.key) or Score(math.nan)
+            record |= {
+                f"{column.key}_{name}".removesuffix("_mean"): "" if math.isnan(number) else number
+                for name, number in vars(score).items()
+                if name != "values"
+            }
         records.append(record)
     stream = io.StringIO()
     writer = csv.DictWriter(stream, records[0] if records else (), lineterminator="\n")
     writer.writeheader()
     writer.writerows(records)
     return stream.getvalue()
-
-
-def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
-    """Write a page of the documentation.
-
-    The text above the commands of the old page, and the one below "## Notes", stay.
-    """
-    before = path.read_text(encoding="utf-8") if path.exists() else ""
-    opening, has_commands, _ = before.partition("```sh\n")
-    if not has_commands:
-        opening = f"# {title}\n\n"
-    _, heading, notes = before.partition("## Notes\n")
-    written = f"Written on {datetime.date.today().isoformat()} by {origin}."
-    lines = [f"{opening}```sh", *commands, "```", "", written, "", text.rstrip(), ""]
-    write_bytes(path, "\n".join([*lines, heading + notes]).encode())
-
-
-def without_repeated_notes(tables: Sequence[Table]) -> list[Table]:
-    """Return the tables, each without the notes of those before it."""
-    printed: set[str] = set()
-    remaining = []
-    for table in tables:
-        notes = [note for note in table.notes if note not in printed]
-        printed.update(notes)
-        remaining.append(replace(table, notes=notes))
-    return remaining
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}

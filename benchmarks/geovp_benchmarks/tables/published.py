@@ -12,12 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Contents, Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.scores import method_scores
-from geovp_benchmarks.tables.table_model import MethodScores, Score, Table
-from geovp_benchmarks.tables.tables import explained, method_notes, table_of
+from geovp_benchmarks.tables.table_model import MethodScores, Table
+from geovp_benchmarks.tables.tables import explained, table_of
 from geovp_classic.errors import BadData
 
 
@@ -37,9 +38,8 @@ def build(results: Results, name: str) -> list[Table]:
     notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(contents.protocol["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
-    notes += method_notes(contents, strict=False)
     return [
-        explained(ours, contents.protocol, notes),
+        explained(ours, contents, notes),
         Table(
             f"{name}-published",
             "Published, not measured here",
@@ -55,10 +55,10 @@ def build(results: Results, name: str) -> list[Table]:
 def load(name: str) -> Mapping[str, Any]:
     """Return the declaration of a paper's table; raise BadData for an unknown name."""
     folder = Path(__file__).parents[1] / "published"
-    names = [path.stem for path in sorted(folder.glob("*.toml"))]
-    if name not in names:
-        raise BadData(f"no published table is called {name!r}: give one of {', '.join(names)}")
-    return tomllib.loads((folder / f"{name}.toml").read_text("utf-8"))
+    paths = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    if name not in paths:
+        raise BadData(f"no published table is called {name!r}: give one of {', '.join(paths)}")
+    return tomllib.loads(paths[name].read_text("utf-8"))
 
 
 def _measured(

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Contents, Method
-from geovp_benchmarks.tables.table_model import MethodScores, Score
+from geovp_benchmarks.tables.table_model import MethodScores
 
 
 def method_scores(
@@ -27,14 +28,14 @@ def method_scores(
     for values in columns.values():
         values[failed] = np.nan
     lines = []
-    num_samples = max((values.shape[1] for values in columns.values()), default=1)
-    for suffix, reduce in statistics.reductions(num_samples).items():
+    for suffix, reduce in statistics.reductions(method.num_samples).items():
         scores = {}
         for key, values in columns.items():
             facts = stored_facts.facts_of(key, protocol)
             by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
             if np.isfinite(by_clip).any():
-                scores[key] = Score.of(by_clip, clips, stored_facts.bounds(facts))
+                bounds = stored_facts.bounds(facts)
+                scores[key] = BlockBootstrap().interval(by_clip, clips, bounds)
         lines.append(
             MethodScores(
                 method.label + suffix,

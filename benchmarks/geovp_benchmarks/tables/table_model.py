@@ -1,16 +1,13 @@
 """The model of a table: methods, columns, and the mean of each method in each column."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, Self
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.analysis.intervals import BlockBootstrap, sequences_of
-from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
 from geovp_classic.errors import BadData, nearest
-from geovp_classic.types import FloatArray
 
 Spread = Literal["interval", "standard-error"]
 
@@ -24,45 +21,6 @@ class Column:
     higher_is_better: bool | None  # None: neither, so that no value is in bold
     decimals: int
     is_unavailable: bool = False
-
-
-@dataclass(frozen=True)
-class Score:
-    """The mean of a method in one column over clips, and its 95 % interval."""
-
-    mean: float
-    low: float = float("nan")
-    high: float = float("nan")
-    standard_error: float = float("nan")  # as if clips were independent
-    clips: int = 0  # that have a value
-    effective_clips: float = 0.0
-    # [N] by clip, each a mean over steps; empty for a published score
-    values: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    @classmethod
-    def of(
-        cls,
-        values: FloatArray,  # [N]; NaN is left out
-        clips: Sequence[str],
-        bounds: Bounds = UNBOUNDED,
-        level: float = 0.95,
-    ) -> Self:
-        """Return the mean of values by clip."""
-        sequences = sequences_of(tuple(clips))
-        interval = BlockBootstrap(level).interval(values, sequences, bounds)
-        error, count = statistics.standard_error(values), int(np.isfinite(values).sum())
-        ends = interval.low, interval.high
-        return cls(interval.mean, *ends, error, count, interval.effective, values)
-
-    @property
-    def is_exact(self) -> bool:
-        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
-        return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
-
-    @property
-    def has_few_clips(self) -> bool:
-        """Return whether the effective clips are too few to rely on the interval."""
-        return self.effective_clips < 8
 
 
 @dataclass(frozen=True)
@@ -116,13 +74,12 @@ class Table:
         return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
 
 
-def selected_columns(names: Sequence[str], columns: Iterable[str]) -> list[str]:
+def selected_columns(names: Sequence[str], columns: Sequence[str]) -> Sequence[str]:
     """Return the names of columns; raise BadData for an unknown one."""
-    columns = list(columns)
     for name in names:
         if name not in columns:
             raise BadData(f"--metrics: no column is called {name!r}{nearest(name, columns)}")
-    return list(names)
+    return names
 
 
 def best(
@@ -160,8 +117,8 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
         return True
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
-    gaps = (
-        Score.of(sign * (rival.values - score.values), clips, level=1 - 0.05 / len(better))
-        for rival in better
-    )
-    return any(gap.low > 0 for gap in gaps)
+    for rival in better:
+        gap = sign * (rival.values - score.values)
+        if BlockBootstrap(1 - 0.05 / len(better)).interval(gap, clips).low > 0:
+            return True
+    return False

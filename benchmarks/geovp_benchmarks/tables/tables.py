@@ -6,20 +6,28 @@ from typing import Any
 
 import numpy as np
 
+from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Contents, Results
-from geovp_benchmarks.results.stored_facts import facts_of, labelled, legend, summary, title
+from geovp_benchmarks.results.stored_facts import (
+    MARKS,
+    facts_of,
+    labelled,
+    metric_of,
+    summary,
+    title,
+)
 from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
-    Score,
     Spread,
     Table,
     best,
     selected_columns,
 )
+from geovp_benchmarks.tables.templates import template
 from geovp_classic.errors import BadData
 
 
@@ -38,8 +46,7 @@ def build(
     contents = results.contents()
     main, protocol = _main_table(contents, metrics, strict), contents.protocol
     tables = [main] if metrics else [main, *_detail_tables(main, protocol)]
-    notes = method_notes(contents, strict)
-    return [explained(replace(table, spread=spread), protocol, notes) for table in tables]
+    return [explained(replace(table, spread=spread), contents, strict=strict) for table in tables]
 
 
 def against(
@@ -52,20 +59,20 @@ def against(
     contents = results.contents()
     main, protocol = _main_table(contents, metrics, strict), contents.protocol
     reference = _main_table(results.select(name).contents(), (), strict).methods[0]
-    others = [m for m in main.methods if m.label != reference.label and m.scores]
-    columns = {column.key: column for column in main.columns if column.key in reference.scores}
-    errors = [key for key, column in columns.items() if column.higher_is_better is False]
+    columns = [column for column in main.columns if column.key in reference.scores]
+    errors = [column.key for column in columns if column.higher_is_better is False]
     exact = [key for key in errors if reference.scores[key].is_exact]
     methods, starred = [], set()
+    others = [m for m in main.methods if m.label != reference.label and m.scores]
     for method in others:
         differences = {}
-        for key in columns.keys() & method.scores.keys():
+        for key in (column.key for column in columns if column.key in method.scores):
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            level = 1 - 0.05 / len(others)  # Bonferroni
-            score = Score.of(values, protocol["clips"], bounds, level)
+            bootstrap = BlockBootstrap(1 - 0.05 / len(others))  # Bonferroni
+            score = bootstrap.interval(values, protocol["clips"], bounds)
             differences[key] = score
-            if key not in exact and (score.low > 0 or score.high < 0):
+            if key not in exact and score.is_significant:
                 starred.add((method.label, key))
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
@@ -74,27 +81,8 @@ def against(
         names = ", ".join(map(title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
-    table = Table("against", heading, list(columns.values()), methods, starred=starred)
-    return explained(table, protocol, notes)
-
-
-def side_by_side(results: Results) -> Table:
-    """Return one table with a group of columns for each data set."""
-    columns, notes, best = [], [], set()
-    methods: dict[str, MethodScores] = {}
-    for label, dataset in results.by_dataset().items():
-        table = build(dataset)[0]
-        for column in table.columns:
-            key, heading = f"{label}: {column.key}", f"{label}: {column.heading}"
-            columns.append(replace(column, key=key, heading=heading))
-        for method in table.methods:
-            scores = {f"{label}: {key}": score for key, score in method.scores.items()}
-            scores |= methods.get(method.label, method).scores
-            methods[method.label] = replace(method, scores=scores)
-        best |= {(method, f"{label}: {key}") for method, key in table.best}
-        notes += [f"{label}: {note}" for note in table.notes]
-    title = f"{results.root.resolve().name}: all data sets"
-    return Table("datasets", title, columns, list(methods.values()), notes, best)
+    table = Table("against", heading, columns, methods, starred=starred)
+    return explained(table, replace(contents, methods=()), notes)
 
 
 def _main_table(contents: Contents, metrics: Sequence[str], strict: bool) -> Table:
@@ -152,54 +140,22 @@ def table_of(
     return Table(name, f"{protocol['name']}: {heading}", columns, methods, best=bold)
 
 
-def explained(table: Table, protocol: Mapping[str, Any], notes: Sequence[str]) -> Table:
-    """Return the table with notes on its numbers before those on its methods."""
-    kind = "[low, high]: 95 % interval of the mean over clips"
-    if table.starred is not None:
-        kind = "[low, high]: simultaneous 95 % intervals (Bonferroni) of the mean paired difference"
-    kind += ", block bootstrap within each sequence, since neighbouring clips overlap"
-    if table.spread == "standard-error":
-        kind = "±: standard error of the mean over clips, as if they were independent"
-    before = [f"{summary(protocol)}.", f"{kind}. A clip's value is the mean over its steps."]
-    if any("(" in table.clips(method) for method in table.methods):
-        before.append("(n) behind the clips: the effective sample size.")
-    if table.starred is None:
-        before.append(
-            "Bold: no method with the same or fewer privileged inputs is significantly better "
-            "(paired differences over common clips, p < .05 after Bonferroni's correction). "
-            "With fewer than eight effective clips nothing is in bold."
-        )
-    if any(method.is_oracle_selected for method in table.methods):
-        before.append(
-            "Oracle-selected: the best sample is selected with the real future, which is "
-            "unavailable at prediction time, so such methods compete only with each other. "
-            "'best of N' selects per metric, as in the papers."
-        )
-    for name, facts in protocol["metrics"].items():
-        about = facts["unavailable"] or facts.get("definition")
-        if about and any(facts_of(column.key, protocol) is facts for column in table.columns):
-            before.append(f"{title(name)}: {'unavailable: ' * bool(facts['unavailable'])}{about}.")
-    return replace(table, notes=[*before, *notes])
-
-
-def method_notes(contents: Contents, strict: bool) -> list[str]:
-    """Return notes on privileged inputs, on what lacks scores and why, and on provenance."""
-    methods, protocol = contents.methods, contents.protocol
-    notes = legend(methods)
-    treatment = (
-        "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
+def explained(
+    table: Table, contents: Contents, notes: Sequence[str] = (), *, strict: bool = False
+) -> Table:
+    """Return the table with notes on its numbers, and on the methods of the contents."""
+    text = template("notes.txt").render(
+        table=table,
+        metrics={metric_of(column.key) for column in table.columns},
+        clips="".join(map(table.clips, table.methods)),
+        notes=notes,
+        strict=strict,
+        protocol=contents.protocol,
+        methods=contents.methods,
+        failures_of=contents.failures,
+        marks=MARKS,
+        summary=summary,
+        title=title,
+        weights_notes=weights_notes,
     )
-    for method in methods:
-        if method.status != "done":
-            count = f"{method.num_clips} of {len(protocol['clips'])} clips"
-            why = method.reason or "run again"
-            notes.append(f"{method.label}: {method.status}, {count}: {why}.")
-        failures = contents.failures[method.name]
-        if failures:
-            count = f"{len(failures)} of {method.num_clips} clips could not be predicted"
-            names = ", ".join([*failures][:3])
-            reasons = "; ".join(dict.fromkeys(failures.values()))
-            notes.append(f"{method.label}: {count}, {treatment}: {names}: {reasons}.")
-        if method.num_outdated:
-            notes.append(f"{method.label}: computed by another version of the code, or partly.")
-    return [*notes, *weights_notes(methods), f"Protocol id {protocol['id']}."]
+    return replace(table, notes=text.splitlines())

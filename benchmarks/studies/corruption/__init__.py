@@ -11,8 +11,6 @@ import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import reduce
-from operator import or_
 
 import numpy as np
 
@@ -119,8 +117,7 @@ def gains_db(clip: Clip, corruption: Corruption, severity: int, compared: Method
     Methods share observations, and motions by the first word of their name.
     """
     psnr = registry.build("frame_metrics", "psnr")
-    needs = reduce(or_, (predictor.needs for predictor in compared.values()))
-    context, target = corrupted(clip, corruption, severity, needs)
+    context, target = corrupted(clip, corruption, severity)
     real = target.frames[SCORED_STEPS]
     times_s = context.times_s[NUM_PAST + SCORED_STEPS]
     copied_db = psnr(np.repeat(context.frames[-1:], len(real), axis=0), real, None)
@@ -139,10 +136,8 @@ def gains_db(clip: Clip, corruption: Corruption, severity: int, compared: Method
     return gains
 
 
-def corrupted(
-    clip: Clip, corruption: Corruption, severity: int, needs: PrivilegedInput
-) -> tuple[Context, Target]:
-    """Return context and target of the corrupted clip."""
+def corrupted(clip: Clip, corruption: Corruption, severity: int) -> tuple[Context, Target]:
+    """Return context, with all privileged inputs, and target of the corrupted clip."""
     order = corruption.order(severity)
 
     def images(frames: ByteArray) -> ByteArray:
@@ -161,5 +156,5 @@ def corrupted(
     if trajectory is not None and corruption.reorders_poses:
         trajectory = replace(trajectory, world_from_cam=trajectory.world_from_cam[order])
     changed = replace(clip, frames=frames, full=full, trajectory=trajectory)
-    context, target = changed.split(NUM_PAST, needs)
+    context, target = changed.split(NUM_PAST, ~PrivilegedInput.NONE)
     return corruption.context(context, severity), target

@@ -7,12 +7,10 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.types import Clip, PrivilegedInput
+from geovp_classic.types import Clip
 from studies.corruption import corrupted, gains_db
 from studies.corruption.kinds import CORRUPTIONS, NUM_PAST
 from tests.benchmarks.conftest import Says, write_kitti
-
-EVERYTHING = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
 
 METHODS = {
     "true crop": GeometricPredictor(
@@ -31,7 +29,7 @@ def clip() -> Clip:
 
 
 def test_what_passes_leaves_the_future_alone_and_what_lasts_does_not(clip: Clip) -> None:
-    black, _ = corrupted(clip, CORRUPTIONS["black frames"], 0, EVERYTHING)
+    black, _ = corrupted(clip, CORRUPTIONS["black frames"], 0)
     assert np.flatnonzero((black.frames == 0).all(axis=(1, 2, 3))).tolist() == [5]
     for name, lasts in (
         ("black frames", False),
@@ -39,12 +37,12 @@ def test_what_passes_leaves_the_future_alone_and_what_lasts_does_not(clip: Clip)
         ("dim", True),
         ("hood", True),
     ):
-        _, target = corrupted(clip, CORRUPTIONS[name], 1, EVERYTHING)
+        _, target = corrupted(clip, CORRUPTIONS[name], 1)
         assert (target.frames == clip.frames[NUM_PAST:]).all() != lasts
 
 
 def test_a_stationary_camera_has_stationary_poses(clip: Clip) -> None:
-    context, target = corrupted(clip, CORRUPTIONS["stationary"], 0, EVERYTHING)
+    context, target = corrupted(clip, CORRUPTIONS["stationary"], 0)
     assert (target.frames == context.frames[-1]).all()
     assert context.future is not None
     assert (context.future.world_from_cam == context.future.world_from_cam[0]).all()
@@ -69,7 +67,7 @@ def test_the_command_prints_a_table(tmp_path: Path, printed: Says) -> None:
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_all_severities_of_a_corruption_change_the_clip(clip: Clip, name: str) -> None:
     for severity in range(CORRUPTIONS[name].severities):
-        context, target = corrupted(clip, CORRUPTIONS[name], severity, EVERYTHING)
+        context, target = corrupted(clip, CORRUPTIONS[name], severity)
         assert context.num_past == NUM_PAST
         assert target.frames.shape == (20, 64, 64, 3)
         changed = (context.frames != clip.frames[:NUM_PAST]).any()

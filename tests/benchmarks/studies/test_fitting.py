@@ -208,9 +208,7 @@ def test_the_command_writes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     pose_files.write_kitti(tmp_path / "00.txt", road)
     np.savetxt(tmp_path / "00_times.txt", road.times_s, fmt="%.6f")
     monkeypatch.chdir(tmp_path)
-    args = command_line(["fitting"]).parse_args(
-        ["fitting", "body-motion", ".", "--sequences", "00"]
-    )
+    args = command_line().parse_args(["fitting", "body-motion", ".", "--sequences", "00"])
     assert [*args.run(args, lambda *_: None)] == ["written to body-motion.npz"]
     past = road[:10]
     forecast = BodyMotion(tmp_path / "body-motion.npz").distribution(past, past.times_s[-1:] + 1.0)
