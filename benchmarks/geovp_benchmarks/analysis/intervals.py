@@ -135,7 +135,9 @@ class BlockBootstrap:
             return Interval(mean, mean, mean, count / tau)
         tail = (1 + self.level) / 2
         factor = student_quantile(degrees, tail) / _normal_quantile(tail) * error / off.std()
-        low, high = np.clip(mean + factor * np.quantile(off, [1 - tail, tail]), *bounds)
+        # np.quantile does the same in ten times the time
+        ends = np.interp([1 - tail, tail], np.linspace(0, 1, len(off)), np.sort(off))
+        low, high = np.clip(mean + factor * ends, *bounds)
         return Interval(mean, float(low), float(high), count / tau)
 
     def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:

@@ -11,6 +11,7 @@ Examples:
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 from typing import TYPE_CHECKING
 
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the tables; write them if nothing was selected."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # starting threads takes 40 ms, of no use
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
     from geovp_benchmarks.tables.tables import side_by_side
