@@ -47,7 +47,7 @@ def test_it_is_stored_per_step_and_shown_nowhere_as_a_score(results: Results) ->
 
 
 def test_where_both_fall_with_the_step_the_ranking_is_perfect(results: Results) -> None:
-    found = confidence.rankings(results.contents(), METRIC)
+    found = confidence.rankings(results, METRIC)
     assert [label for label, *_ in found] == ["a + r", "a + q", "b + r", "b + q"]
     assert found[0][1:4] == (5, pytest.approx(1), pytest.approx(1))
     assert np.isnan(found[0][4])  # all clips are alike
@@ -64,7 +64,7 @@ def test_among_clips_it_is_apart_from_the_step(results: Results) -> None:
         return {**row, "value": changed.get(row["metric"], row["value"])}
 
     rewrite(results, "a--r", change)
-    correlations = confidence.rankings(results.contents(), METRIC)[0][2:]
+    correlations = confidence.rankings(results, METRIC)[0][2:]
     assert correlations == pytest.approx((-0.8, 0, -0.8), abs=1e-9)
 
 

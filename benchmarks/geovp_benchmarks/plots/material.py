@@ -30,10 +30,10 @@ class Material:
         labels = [method.label for method in results.methods() if method.num_clips]
         if options.against:
             labels.append(options.against)
-        contents = results.select(*dict.fromkeys(labels)).contents()
-        methods, label = contents.methods, options.against
-        reference = next((method for method in methods if method.label == label), None)
-        return cls(results, contents.protocol, methods, contents.scores, reference)
+        methods = results.select(*dict.fromkeys(labels)).methods()
+        scores = {method.name: results.scores(method.name) for method in methods}
+        reference = next((method for method in methods if method.label == options.against), None)
+        return cls(results, results.protocol(), methods, scores, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""

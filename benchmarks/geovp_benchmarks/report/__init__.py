@@ -23,8 +23,8 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
 
     With `options.against` and `by` there are also tables of differences and of strata.
     """
-    contents, metrics, against = results.contents(), options.metrics, options.against
-    protocol = contents.protocol
+    metrics, against = options.metrics, options.against
+    protocol = results.protocol()
     scores = tables.build(results, metrics=metrics)
     headline = findings.Headline.of(scores[0], protocol)
     material = Material.read(results, options)
@@ -50,7 +50,7 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     html = templates.get_template("report.html").render(
         protocol=protocol,
         summary=summary(protocol),
-        methods=contents.methods,
+        methods=results.methods(),
         findings=headline.sentences(against or "copy-last") if headline else [],
         headline=headline,
         scores=scores,
@@ -60,7 +60,7 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
         clips=films.shown_clips(material, headline),
         step_s=material.step_s,
         confidence={
-            title(metric): confidence.rankings(contents, metric)
+            title(metric): confidence.rankings(results, metric)
             for metric in list(material.frame_metrics)[:1]
         },
     )

@@ -35,7 +35,7 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, Prediction
 
-__all__ = ["Contents", "Method", "Results", "ScoreRecord", "Scores"]
+__all__ = ["Method", "Results", "ScoreRecord", "Scores"]
 
 T = TypeVar("T")
 
@@ -62,17 +62,6 @@ def _remembered(read: Callable[..., T]) -> Callable[..., T]:
         return value
 
     return reader
-
-
-@dataclass(frozen=True)
-class Contents:
-    """The protocol, methods and scores of a data set, read once for all tables."""
-
-    protocol: Mapping[str, Any]
-    methods: Sequence[Method]
-    scores: Mapping[str, Scores]  # by the name of a method
-    failures: Mapping[str, Mapping[str, str]]  # the reasons, by the name of a method and clip
-    is_selected: bool = False  # the methods were named
 
 
 @dataclass(frozen=True)
@@ -187,17 +176,6 @@ class Results:
         scored = [each for name in protocol["methods"] for each in self.score_records(name)]
         facts = self._score_files.facts(scored)
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
-
-    def contents(self) -> Contents:
-        """Return all that tables show of the selected methods."""
-        methods = self.methods()
-        return Contents(
-            self.protocol(),
-            methods,
-            {method.name: self.scores(method.name) for method in methods},
-            {method.name: self.failures(method.name) for method in methods},
-            bool(self.selected),
-        )
 
     def predictions(self, method: str, fingerprint: str = "") -> list[str]:
         """Return the names of the clips whose predictions by a method are kept."""

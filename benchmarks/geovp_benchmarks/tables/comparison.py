@@ -76,7 +76,7 @@ def _paired_differences(a: Results, b: Results, method: Method, other: Method) -
     clips, clips_b = a.protocol()["clips"], b.protocol()["clips"]
     common = [clip for clip in clips if clip in clips_b]
     scores, scores_b = (
-        method_scores(results.contents(), of)[0].scores for results, of in ((a, method), (b, other))
+        method_scores(results, of)[0].scores for results, of in ((a, method), (b, other))
     )
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
     for key in (key for key in scores if key in scores_b and "@" not in key):

@@ -8,7 +8,7 @@ import numpy as np
 
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
-from geovp_benchmarks.results.store import Contents, Results
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import facts_of, labelled, legend, summary, title
 from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import (
@@ -35,10 +35,9 @@ def build(
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. With named columns there is only one table. Methods compete among those selected.
     """
-    contents = results.contents()
-    main, protocol = _main_table(contents, metrics, strict), contents.protocol
+    main, protocol = _main_table(results, metrics, strict), results.protocol()
     tables = [main] if metrics else [main, *_detail_tables(main, protocol)]
-    notes = method_notes(contents, strict)
+    notes = method_notes(results, strict)
     return [explained(replace(table, spread=spread), protocol, notes) for table in tables]
 
 
@@ -49,9 +48,8 @@ def against(
 
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
-    contents = results.contents()
-    main, protocol = _main_table(contents, metrics, strict), contents.protocol
-    reference = _main_table(results.select(name).contents(), (), strict).methods[0]
+    main, protocol = _main_table(results, metrics, strict), results.protocol()
+    reference = _main_table(results.select(name), (), strict).methods[0]
     others = [m for m in main.methods if m.label != reference.label and m.scores]
     columns = {column.key: column for column in main.columns if column.key in reference.scores}
     errors = [key for key, column in columns.items() if column.higher_is_better is False]
@@ -97,13 +95,13 @@ def side_by_side(results: Results) -> Table:
     return Table("datasets", title, columns, list(methods.values()), notes, best)
 
 
-def _main_table(contents: Contents, metrics: Sequence[str], strict: bool) -> Table:
+def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores."""
-    protocol, methods = contents.protocol, []
-    for method in contents.methods:
+    protocol, methods = results.protocol(), []
+    for method in results.methods():
         if method.status in ("done", "partial"):
-            methods += method_scores(contents, method, strict=strict)
-        elif contents.is_selected:
+            methods += method_scores(results, method, strict=strict)
+        elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
@@ -182,9 +180,9 @@ def explained(table: Table, protocol: Mapping[str, Any], notes: Sequence[str]) -
     return replace(table, notes=[*before, *notes])
 
 
-def method_notes(contents: Contents, strict: bool) -> list[str]:
+def method_notes(results: Results, strict: bool) -> list[str]:
     """Return notes on privileged inputs, on what lacks scores and why, and on provenance."""
-    methods, protocol = contents.methods, contents.protocol
+    methods, protocol = results.methods(), results.protocol()
     notes = legend(methods)
     treatment = (
         "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
@@ -194,7 +192,7 @@ def method_notes(contents: Contents, strict: bool) -> list[str]:
             count = f"{method.num_clips} of {len(protocol['clips'])} clips"
             why = method.reason or "run again"
             notes.append(f"{method.label}: {method.status}, {count}: {why}.")
-        failures = contents.failures[method.name]
+        failures = results.failures(method.name)
         if failures:
             count = f"{len(failures)} of {method.num_clips} clips could not be predicted"
             names = ", ".join([*failures][:3])
