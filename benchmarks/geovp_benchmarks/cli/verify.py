@@ -40,9 +40,9 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     good = 0
     unavailable: dict[str, str] = {}
     for pair in tracked(pairs, len(pairs), progress):
-        verdict = verification.verify(pair, args.root)
-        yield verdict.sentence(args.tolerance)
-        good += verdict.reproduces(args.tolerance)
+        verdict = verification.verify(pair, args.root, args.tolerance)
+        yield verdict.sentence
+        good += verdict.is_reproduced
         unavailable |= verdict.unavailable
     yield from verification.other_versions(pairs[0].results)
     for name, reason in unavailable.items():
