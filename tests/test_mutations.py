@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,
@@ -103,7 +103,7 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
     method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}
-    results.write_method("x", method)
+    results.write_method(Method(name="x", **method))
     rows = Scores(["a"], {"psnr": np.linspace(20, 30, 6).reshape(1, 1, 6)})
     results.write_scores([(rows, ScoreRecord("x", ["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))])
     stack = np.stack([IMAGE] * 8)

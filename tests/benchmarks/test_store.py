@@ -195,12 +195,12 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "method.json"
+    path = tmp_path / "protocol.json"
     write_bytes(path, b"old")
     with pytest.raises(ValueError, match="float"):
-        Results(tmp_path.parent).write_method(tmp_path.name, {"seconds": float("nan")})
+        Results(tmp_path).write_protocol({"stride": float("nan")})
     assert path.read_bytes() == b"old"
-    assert [each.name for each in tmp_path.iterdir()] == ["method.json"]
+    assert [each.name for each in tmp_path.iterdir()] == ["protocol.json"]
 
 
 def test_a_pickle_is_not_read(tmp_path: Path) -> None:

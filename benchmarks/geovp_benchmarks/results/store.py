@@ -17,7 +17,6 @@ earlier settings stay, and count again with these settings.
 from __future__ import annotations
 
 import functools
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -84,7 +83,12 @@ class Results:
                 f"{self.root} holds several data sets: give one, such as "
                 f"{self.root / min(labelled)}"
             )
-        protocol = records.read_protocol(self.root / "protocol.json")
+        if not self.begun:
+            raise BadData(
+                f"{self.root} has no protocol.json: not a results folder: give one that "
+                "`geovp run` wrote"
+            )
+        protocol: dict[str, Any] = records.read(self.root / "protocol.json", records.Protocol)
         if self.subset is not None:
             clips = [clip for clip in protocol["clips"] if clip in self.subset]
             name = f"{protocol['name']}, {self.label} (n = {len(clips)})"
@@ -94,7 +98,7 @@ class Results:
     def by_dataset(self) -> dict[str, Results]:
         """Return the results of each data set by its label; of a single one by the label ""."""
         path = self.root / "datasets.json"
-        labels = records.read_labels(path) if path.exists() else []
+        labels = records.read(path, records.DataSets)["datasets"] if path.exists() else []
         return {label: replace(self, root=self.root / label) for label in labels} or {"": self}
 
     @property
@@ -118,7 +122,7 @@ class Results:
     @_remembered
     def _method(self, name: str) -> Method | None:
         path = self.root / name / "method.json"
-        return records.read_method(path) if path.exists() else None
+        return records.read(path, Method, name=name) if path.exists() else None
 
     @_remembered
     def method(self, name: str) -> Method | None:
@@ -263,9 +267,10 @@ class Results:
         """Write protocol.json."""
         self._write("protocol.json", protocol)
 
-    def write_method(self, name: str, record: Mapping[str, Any]) -> None:
-        """Write the method.json of a method."""
-        self._write(f"{name}/method.json", record)
+    def write_method(self, method: Method) -> None:
+        """Write the method.json of a method, without the sums over its scores."""
+        sums = {"num_clips", "num_failed", "num_outdated", "seconds", "peak_memory_mb"}
+        self._write(f"{method.name}/method.json", method.model_dump(exclude={"name", *sums}))
 
     def _write(self, file: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, and forget what was read."""
@@ -301,11 +306,6 @@ class Results:
         for path in paths.union(folder.parent.glob(folder.name)):
             if path.parent != self.root / "scores":  # of several methods
                 path.unlink(missing_ok=True)
-        self.memory.clear()
-
-    def remove_method(self, method: str) -> None:
-        """Remove a method with all its rows and predictions."""
-        shutil.rmtree(self.root / method, ignore_errors=True)
         self.memory.clear()
 
 

@@ -18,8 +18,8 @@ def dry_run(matrix: Matrix, results: Results, options: Options, workers: int) ->
     for method, record in plan.records.items():
         clips = plan.missing(method)
         num_missing += len(clips)
-        scored = results.score_records(method.name, record["fingerprint"])
-        note = record.get("reason", "unknown")
+        scored = results.score_records(method.name, record.fingerprint)
+        note = record.reason or "unknown"
         if scored:
             time_s = sum(seconds(scored).values())
             per_clip_s = time_s / sum(len(each.clips) for each in scored)

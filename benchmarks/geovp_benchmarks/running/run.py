@@ -90,11 +90,11 @@ def begin(plan: Plan) -> None:
     """
     results = plan.results
     results.write_protocol(plan.protocol)
-    for method, record in plan.records.items():
-        stored = results.method(method.name)
-        is_same = stored is not None and stored.num_clips and stored.asked == record["asked"]
-        if record["fingerprint"] or not is_same:  # else another machine could build and run it
-            results.write_method(method.name, record)
+    for record in plan.records.values():
+        stored = results.method(record.name)
+        is_same = stored is not None and stored.num_clips and stored.asked == record.asked
+        if record.fingerprint or not is_same:  # else another machine could build and run it
+            results.write_method(record)
     for path in results.damaged_files():
         aside = path.rename(path.with_name(f"{path.name}.damaged"))
         logger.warning("%s was damaged: it is set aside as %s and computed again", path, aside.name)
@@ -104,8 +104,8 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
     results.write_scores(batch)
-    for method, record in plan.records.items():
-        if not record["fingerprint"]:
+    for method in plan.records.values():
+        if not method.fingerprint:
             continue
         results.merge(method.name)
         scored = results.score_records(method.name)
@@ -118,4 +118,4 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
         if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
             outcome = first._asdict()
             results.discard(method.name)  # so that the next run tries again
-        results.write_method(method.name, record | outcome)
+        results.write_method(method.model_copy(update=outcome))
