@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
-    matrix = schema.read(args.matrix, args.set).with_root(args.root)
+    matrix = schema.read(args.matrix, args.set).override(root=args.root)
     method = read_method(matrix, args.method, args.limit, PrivilegedInput.NONE)
     tables = error_budget(method, progress)
     stages = [row.label for row in tables[0].methods]

@@ -136,7 +136,7 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
             for name, spec in pair.record.metrics.items()
             if protocol["metrics"][name]["role"] == kind
         }
-    return validated(Matrix, fields, "protocol.json").with_root(root)
+    return validated(Matrix, fields, "protocol.json").override(root=root)
 
 
 def _recompute(pair: Pair, matrix: Matrix) -> Values:

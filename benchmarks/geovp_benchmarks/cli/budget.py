@@ -33,7 +33,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     from geovp_benchmarks.tables.formats import markdown
     from geovp_classic.types import PrivilegedInput
 
-    matrix = schema.read(args.matrix, args.set).with_root(args.root)
+    matrix = schema.read(args.matrix, args.set).override(root=args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_classic import registry
 
     matrices = {
-        label: matrix.select(*args.methods)
+        label: matrix.select(*args.methods).override(device=args.device)
         for label, matrix in multiple_datasets.parse(
             *files.read(args.matrix, args.set), args.root
         ).items()
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     codes = []
     for label, matrix in matrices.items():
         results = Results(root / label)
-        methods = run_matrix(matrix.with_device(args.device), results, options, executor, progress)
+        methods = run_matrix(matrix, results, options, executor, progress)
         codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
     if len(codes) > 1:
         table = tables.side_by_side(Results(root))

@@ -10,7 +10,7 @@ from typing import Any
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.matrix.values import FolderName, Spec, Specs
+from geovp_benchmarks.matrix.values import DataSets
 from geovp_benchmarks.results.validation import validated
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
@@ -24,20 +24,20 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
     """
     protocol = content.get("protocol")
     if not isinstance(protocol, Mapping) or "datasets" not in protocol:
-        return {"": schema.parse(name, content).with_root(root)}
+        return {"": schema.parse(name, content).override(root=root)}
     shared = dict(protocol)
-    specs = validated(Specs, shared.pop("datasets"), "protocol.datasets")
-    if not specs or "dataset" in shared or root is not None:
+    specs = validated(DataSets, shared.pop("datasets"), "protocol.datasets")
+    if not specs or {"dataset", "root"} & shared.keys() or root is not None:
         raise BadData(
             "protocol.datasets is a list of at least one data set such as "
             '{ name = "kitti", root = "..." }, and replaces protocol.dataset and --root'
         )
-    schema.check_folders(list(validated(dict[FolderName, Spec], specs, "protocol.datasets")))
+    schema.check_folders([*specs])
     matrices = {}
     for label, spec in specs.items():
         single = {**content, "protocol": {**shared, "dataset": spec}}
         try:
-            matrices[label] = schema.parse(f"{name}/{label}", single).with_root(None)
+            matrices[label] = schema.parse(f"{name}/{label}", single)
             matrices[label].build_dataset(PrivilegedInput.NONE)
         except GeovpError as problem:
             raise type(problem)(f"data set {label!r}: {problem}") from problem

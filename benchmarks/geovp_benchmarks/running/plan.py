@@ -86,7 +86,7 @@ class Plan:
     def _record(self, plan: MethodPlan) -> Method:
         """Return the record of a method; without a fingerprint if it cannot be built here."""
         components, specs = self.built.methods[plan], self.built.matrix.specs
-        asked = {role: specs[key] for role, key in plan.components.items()}
+        asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
         asked |= {"num_samples": plan.num_samples, "protocol": self.protocol["fingerprint"]}
         record = Method(
             name=plan.name,
