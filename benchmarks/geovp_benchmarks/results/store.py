@@ -145,12 +145,11 @@ class Results:
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-        if damaged := self._read(method)[1]:
-            raise BadData(
-                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
-            )
-        clips = self.protocol()["clips"]
-        return self.select()._all_scores().get(method, Scores(clips, {}))
+        scores = self.select()._all_scores()
+        for path in self._score_files.damaged:
+            if path.parent in (self.root / "scores", self.root / method / "scores"):
+                raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
+        return scores.get(method, Scores(self.protocol()["clips"], {}))
 
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
@@ -204,19 +203,16 @@ class Results:
         Those of the method as it is now, or of another fingerprint.
         """
         fingerprint = fingerprint or self._fingerprint(method)
-        fitting = [each for each in self._read(method)[0] if each.fingerprint == fingerprint]
+        records = self._score_files.records.get(method, ())
+        fitting = [record for record in records if record.fingerprint == fingerprint]
         return newest(fitting, self.protocol()["clips"] if self.begun else ())
 
-    def damaged_files(self) -> list[Path]:
-        """Return the score files of this protocol and the kept files that are not as written."""
-        paths = [*self.root.glob("clips/[!.]*.npz"), *self.root.glob("*/predictions/[!.]*.npz")]
-        damaged = {path for path in paths if not kept_files.is_whole(path)}
-        return sorted(damaged.union(*(self._read(name)[1] for name in self.protocol()["methods"])))
-
     @_remembered
-    def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
-        """Return all records of a method, and its damaged score files."""
-        return self._score_files.records(method)
+    def damaged_files(self) -> list[Path]:
+        """Return the score files and kept files that are not as they were written."""
+        paths = [*self.root.glob("clips/[!.]*.npz"), *self.root.glob("*/predictions/[!.]*.npz")]
+        damaged = [path for path in paths if not kept_files.is_whole(path)]
+        return sorted([*damaged, *self._score_files.damaged])
 
     @property
     def _score_files(self) -> ScoreFiles:
@@ -286,9 +282,10 @@ class Results:
             self._score_files.write(method, of_method)
         self.memory.clear()
 
-    def merge(self, method: str) -> None:
-        """Merge the score files of a method into one; those of other clips and settings stay."""
-        self._score_files.merge(method, self._fingerprint(method))
+    def merge(self, *methods: str) -> None:
+        """Merge the score files of each method into one; those of other settings stay."""
+        for method in methods:
+            self._score_files.merge(method, self._fingerprint(method))
         self.memory.clear()
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:

@@ -90,9 +90,10 @@ def begin(plan: Plan) -> None:
     """
     results = plan.results
     results.write_protocol(plan.protocol)
+    stored = {method.name: method for method in results.methods()}
     for record in plan.records.values():
-        stored = results.method(record.name)
-        is_same = stored is not None and stored.num_clips and stored.asked == record.asked
+        before = stored.get(record.name)
+        is_same = before is not None and before.num_clips and before.asked == record.asked
         if record.fingerprint or not is_same:  # else another machine could build and run it
             results.write_method(record)
     for path in results.damaged_files():
@@ -104,11 +105,11 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
     results.write_scores(batch)
-    for method in plan.records.values():
-        if not method.fingerprint:
-            continue
-        results.merge(method.name)
-        scored = results.score_records(method.name)
+    methods = [method for method in plan.records.values() if method.fingerprint]
+    results.merge(*(method.name for method in methods))
+    records = {method.name: results.score_records(method.name) for method in methods}
+    for method in methods:
+        scored = records[method.name]
         failures = [failure for each in scored for failure in each.failures.values()]
         if not failures:
             continue
