@@ -59,16 +59,6 @@ class ScoreRecord:
     written_ns: int = 0  # the newest scores of a clip count
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
-    def only(self, clips: Sequence[str]) -> ScoreRecord:
-        """Return the record of these clips, with their fraction of the times."""
-        ratio = len(clips) / len(self.clips)
-        return replace(
-            self,
-            clips=list(clips),
-            seconds={stage: seconds * ratio for stage, seconds in self.seconds.items()},
-            failures={clip: self.failures[clip] for clip in clips if clip in self.failures},
-        )
-
 
 RECORDS = TypeAdapter(list[ScoreRecord])
 
@@ -229,7 +219,7 @@ class ScoreFiles:
 
 
 def newest(records: Sequence[ScoreRecord], clips: Collection[str]) -> list[ScoreRecord]:
-    """Return the newest record of each clip, restricted to some clips."""
+    """Return the newest records of some clips, with their fraction of the times."""
     latest: dict[str, ScoreRecord] = {}
     for record in sorted(records, key=lambda record: record.written_ns):
         latest |= dict.fromkeys(record.clips, record)
@@ -237,7 +227,10 @@ def newest(records: Sequence[ScoreRecord], clips: Collection[str]) -> list[Score
     for record in records:
         names = [clip for clip in record.clips if latest[clip] is record and clip in wanted]
         if names:
-            selected.append(record.only(names))
+            ratio = len(names) / len(record.clips)
+            times_s = {stage: ratio * time_s for stage, time_s in record.seconds.items()}
+            failures = {clip: record.failures[clip] for clip in names if clip in record.failures}
+            selected.append(replace(record, clips=names, seconds=times_s, failures=failures))
     return selected
 
 

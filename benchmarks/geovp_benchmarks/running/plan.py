@@ -32,11 +32,31 @@ class Options:
 class Plan:
     """Everything that is fixed before the first clip is read."""
 
-    built: BuiltMatrix
+    matrix: Matrix
     results: Results
-    clips: Sequence[str]
-    keep: Set[str]  # clips whose predictions are stored
-    is_fresh: bool  # whether to recompute what another version of the code computed
+    options: Options
+
+    @cached_property
+    def built(self) -> BuiltMatrix:
+        """Build everything once; nothing is written."""
+        build_matrix.cache_clear()  # packages or weights may have been installed
+        return build_matrix(self.matrix.model_dump_json())
+
+    @cached_property
+    def clips(self) -> Sequence[str]:
+        """Return the names of the clips; raise BadData if there are none."""
+        clips = self.built.clip_names[: self.options.limit]
+        if not clips:
+            raise BadData(
+                "the data set has no clip of that length: give a longer sequence or fewer frames "
+                "a clip"
+            )
+        return clips
+
+    @cached_property
+    def keep(self) -> Set[str]:
+        """Return the clips whose predictions are stored."""
+        return select(self.options.keep, self.clips)
 
     @cached_property
     def protocol(self) -> dict[str, Any]:
@@ -44,7 +64,7 @@ class Plan:
 
         Its fingerprint is a hash of what all scores depend on except the method and the code.
         """
-        built, matrix = self.built, self.built.matrix
+        built, matrix = self.built, self.matrix
         dataset = registry.describe(built.dataset)
         views = ("with_full", "with_right", "stride")  # follow from the methods, or only add clips
         frames = {key: value for key, value in dataset.items() if key not in views}
@@ -75,7 +95,7 @@ class Plan:
             stored = self.results.protocol()
             if stored.get("fingerprint") == fingerprint:
                 names.update(stored["methods"])
-        every_method = self.built.matrix.select().methods
+        every_method = self.matrix.select().methods
         return [method.name for method in every_method if method.name in names]
 
     @cached_property
@@ -85,7 +105,7 @@ class Plan:
 
     def _record(self, plan: MethodPlan) -> Method:
         """Return the record of a method; without a fingerprint if it cannot be built here."""
-        components, specs = self.built.methods[plan], self.built.matrix.specs
+        components, specs = self.built.methods[plan], self.matrix.specs
         asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
         asked |= {"num_samples": plan.num_samples, "protocol": self.protocol["fingerprint"]}
         record = Method(
@@ -123,7 +143,7 @@ class Plan:
         missing = set(self.clips)
         for scored in self.results.score_records(name, fingerprint):
             has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
-            if has_metrics and (scored.code == record.code or not self.is_fresh):
+            if has_metrics and (scored.code == record.code or not self.options.fresh):
                 missing.difference_update(scored.clips)
                 for clip, failure in scored.failures.items():
                     if failure.status == "failed":
@@ -132,7 +152,7 @@ class Plan:
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
-        matrix, root = self.built.matrix.model_dump_json(), self.results.root
+        matrix, root = self.matrix.model_dump_json(), self.results.root
         for index, clip in enumerate(self.clips):
             fingerprints = {
                 method: self.records[method].fingerprint
@@ -159,15 +179,3 @@ def select(keep: str, clips: Sequence[str]) -> set[str]:
             f"among {clips[0]} to {clips[-1]}"
         )
     return names
-
-
-def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
-    """Build everything once; nothing is written."""
-    build_matrix.cache_clear()  # packages or weights may have been installed
-    built = build_matrix(matrix.model_dump_json())
-    clips = built.clip_names[: options.limit]
-    if not clips:
-        raise BadData(
-            "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
-        )
-    return Plan(built, results, clips, select(options.keep, clips), options.fresh)

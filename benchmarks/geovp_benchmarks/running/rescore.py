@@ -19,7 +19,7 @@ def stored_metrics(results: Results) -> Metrics:
     for name, about in protocol["metrics"].items():
         if "asked" in about:
             specs[about["role"]][name] = about["asked"]
-    return Metrics.build(specs["frame"], specs["trajectory"], protocol["size_px"])
+    return Metrics.build(**specs, size_px=protocol["size_px"])
 
 
 def rescore(

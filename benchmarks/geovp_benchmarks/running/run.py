@@ -13,7 +13,7 @@ from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
-from geovp_benchmarks.running.plan import Options, Plan, make_plan
+from geovp_benchmarks.running.plan import Options, Plan
 from geovp_benchmarks.running.task import Scored, score_clip
 
 logger = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ def run(
     """
     with results_lock(results.root):
         announce("building components and metrics")
-        plan = make_plan(matrix, results, options)
+        plan = Plan(matrix, results, options)
         compute_missing(plan, executor, progress)
     return results.methods()
 
