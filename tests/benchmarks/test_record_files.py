@@ -54,9 +54,6 @@ def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> Non
     write_protocol(results, ["x", name], [])
     with pytest.raises(BadData, match=r"protocol\.json: methods.1 is .* should match"):
         results.protocol()
-    results.write_datasets(["near", name])
-    with pytest.raises(BadData, match=r"datasets\.json: datasets.1 is .* should match"):
-        results.by_dataset()
 
 
 def kept(folder: Path, arrays: dict[str, Any], is_clip: bool = False) -> Clip | Prediction:

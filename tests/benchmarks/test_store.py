@@ -210,21 +210,6 @@ def test_a_pickle_is_not_read(tmp_path: Path) -> None:
         Results(tmp_path).clip("evil")
 
 
-def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None:
-    results = Results(tmp_path)
-    assert results.by_dataset() == {"": results}
-    results.write_datasets(["near", "far"])
-    assert results.by_dataset() == {
-        "near": Results(tmp_path / "near"),
-        "far": Results(tmp_path / "far"),
-    }
-    with pytest.raises(BadData, match="holds several data sets"):
-        results.protocol()
-    for _ in range(2):  # what is not there need not be removed
-        results.write_datasets([""])
-        assert results.by_dataset() == {"": results}
-
-
 def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
     results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "old"))])

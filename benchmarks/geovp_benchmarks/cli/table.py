@@ -57,13 +57,9 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats
-    from geovp_benchmarks.tables.tables import side_by_side
 
     results = Results(args.folder).select(*args.methods)
-    datasets = results.by_dataset().values()
-    tables = [table for dataset in datasets for table in tables_of(args, dataset)]
-    if len(datasets) > 1:
-        tables.append(side_by_side(results))
+    tables = tables_of(args, results)
     match args.format:
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
@@ -87,7 +83,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
-    """Return the selected tables of a data set; without a selection, write all of them."""
+    """Return the selected tables; without a selection, write all of them."""
     from geovp_benchmarks.analysis import strata
     from geovp_benchmarks.tables import formats, tables
 

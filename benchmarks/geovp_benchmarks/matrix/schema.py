@@ -27,7 +27,7 @@ from geovp_classic.types import PrivilegedInput
 
 RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
-    *("protocol.json", "datasets.json", "method.json", "report.html", ".lock"),
+    *("protocol.json", "method.json", "report.html", ".lock"),
 )
 
 
@@ -245,12 +245,8 @@ def _check_methods(matrix: Matrix) -> None:
             "the matrix file has no complete method: give [pose_sources] and [renderers], or "
             "[predictors]"
         )
-    check_folders([method.name for method in matrix.methods])
-
-
-def check_folders(names: Sequence[str]) -> None:
-    """Raise BadData unless names are different folders of the results on every file system."""
-    folders = [name.casefold() for name in (*RESERVED, *names)]
+    names = [method.name for method in matrix.methods]
+    folders = [name.casefold() for name in (*RESERVED, *names)]  # on every file system
     for name in names:
         if folders.count(name.casefold()) > 1:
             raise BadData(

@@ -37,7 +37,6 @@ Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `regist
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
 # The name of a method has two of these, and file systems allow 255 bytes.
 FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]{0,95}$")]
-DataSets = Annotated[dict[FolderName, Spec], BeforeValidator(_by_name)]
 Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 Device = Annotated[str, Field(pattern=DEVICE)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]

@@ -1,4 +1,4 @@
-"""Records of results in JSON: protocol.json, method.json and datasets.json."""
+"""Records of results in JSON: protocol.json and method.json."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,6 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 
 Name = Annotated[str, Field(pattern=r"^[\w+=,][\w+=,.-]*$")]  # of a folder
-DataSets = dict[str, list[Name]]
 
 
 class Protocol(TypedDict):

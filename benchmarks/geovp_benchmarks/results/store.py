@@ -6,8 +6,6 @@
     <root>/<method>/scores/part-<hash>.parquet  a row per clip, sample, step and metric
     <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by the method's fingerprint
     <root>/tables  plots  report.html
-    <root>/datasets.json                      of several data sets: their labels
-    <root>/<label>/                           of several data sets: each as above
 
 Files are written next to their destination and renamed. Scores are stored by clip name, in one
 file per batch until a run ends; the name of a score file holds a hash of its content. Files of
@@ -17,7 +15,7 @@ earlier settings stay, and count again with these settings.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -78,11 +76,6 @@ class Results:
     @_remembered
     def protocol(self) -> dict[str, Any]:
         """Return what all methods share; see records.Protocol."""
-        if "" not in (labelled := self.by_dataset()):
-            raise BadData(
-                f"{self.root} holds several data sets: give one, such as "
-                f"{self.root / min(labelled)}"
-            )
         if not self.begun:
             raise BadData(
                 f"{self.root} has no protocol.json: not a results folder: give one that "
@@ -94,12 +87,6 @@ class Results:
             name = f"{protocol['name']}, {self.label} (n = {len(clips)})"
             protocol |= {"name": name, "clips": clips}
         return protocol
-
-    def by_dataset(self) -> dict[str, Results]:
-        """Return the results of each data set by its label; of a single one by the label ""."""
-        path = self.root / "datasets.json"
-        labels = records.read(path, records.DataSets)["datasets"] if path.exists() else []
-        return {label: replace(self, root=self.root / label) for label in labels} or {"": self}
 
     @property
     def begun(self) -> bool:
@@ -251,13 +238,6 @@ class Results:
         return self.root / "report.html"
 
     # Writing
-
-    def write_datasets(self, labels: Sequence[str]) -> None:
-        """Write the labels of several data sets; of one, remove what was written of several."""
-        if any(labels):
-            self._write("datasets.json", {"datasets": list(labels)})
-        else:
-            (self.root / "datasets.json").unlink(missing_ok=True)
 
     def write_protocol(self, protocol: Mapping[str, Any]) -> None:
         """Write protocol.json."""

@@ -76,25 +76,6 @@ def against(
     return explained(table, protocol, notes)
 
 
-def side_by_side(results: Results) -> Table:
-    """Return one table with a group of columns for each data set."""
-    columns, notes, best = [], [], set()
-    methods: dict[str, MethodScores] = {}
-    for label, dataset in results.by_dataset().items():
-        table = build(dataset)[0]
-        for column in table.columns:
-            key, heading = f"{label}: {column.key}", f"{label}: {column.heading}"
-            columns.append(replace(column, key=key, heading=heading))
-        for method in table.methods:
-            scores = {f"{label}: {key}": score for key, score in method.scores.items()}
-            scores |= methods.get(method.label, method).scores
-            methods[method.label] = replace(method, scores=scores)
-        best |= {(method, f"{label}: {key}") for method, key in table.best}
-        notes += [f"{label}: {note}" for note in table.notes]
-    title = f"{results.root.resolve().name}: all data sets"
-    return Table("datasets", title, columns, list(methods.values()), notes, best)
-
-
 def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores."""
     protocol, methods = results.protocol(), []
