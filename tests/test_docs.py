@@ -28,7 +28,7 @@ import pytest
 import geovp
 import studies
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix import multiple_datasets, schema
+from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.running.task import build_matrix
@@ -145,12 +145,12 @@ def execute(page: Path, namespace: types.ModuleType) -> None:
 
 def check_matrix(block: Block, root: Path | None = None) -> None:
     """Parse and build a matrix with its data set and all its components."""
-    for parsed in multiple_datasets.parse("page", block.toml, root).values():
-        built = build_matrix(parsed.model_dump_json())
-        assert built.clip_names, block
-        components = [each for method in built.methods.values() for each in method.values()]
-        failures = [each for each in components if isinstance(each, Failure)]
-        assert not failures or not HAS_NETWORKS, f"{block}: {failures}"
+    parsed = schema.parse("page", block.toml).override(root=root)
+    built = build_matrix(parsed.model_dump_json())
+    assert built.clip_names, block
+    components = [each for method in built.methods.values() for each in method.values()]
+    failures = [each for each in components if isinstance(each, Failure)]
+    assert not failures or not HAS_NETWORKS, f"{block}: {failures}"
 
 
 def check_pyproject(block: Block, namespace: types.ModuleType) -> None:

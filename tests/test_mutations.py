@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,
@@ -96,14 +96,14 @@ def read_video(path: Path) -> Any:
     return [opened.read(index) for index in range(len(opened))]
 
 
-def write_results(folder: Path, datasets: list[str]) -> None:
+def write_results(folder: Path) -> None:
     """Write a results folder with a score, a kept clip and a kept prediction."""
     results = Results(folder)
     write_protocol(results, "x", "a", num_past=3)
     method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
     method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}
-    results.write_method("x", method)
+    results.write_method(Method(name="x", **method))
     rows = Scores(["a"], {"psnr": np.linspace(20, 30, 6).reshape(1, 1, 6)})
     results.write_scores([(rows, ScoreRecord("x", ["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))])
     stack = np.stack([IMAGE] * 8)
@@ -111,14 +111,13 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
     covered = np.ones((1, 5, 32, 48), bool)
     results.write_prediction("x", "a", Prediction(stack[None, 3:], covered, motion))
-    results.write_datasets(datasets)
 
 
 def result(file: str, read: Callable[[Results], Any]) -> Reader:
     """Return the reader of a file in a results folder; records in JSON have no checksum."""
 
     def write(folder: Path) -> Path:
-        write_results(folder, ["near", "far"] if file == "datasets.json" else [""])
+        write_results(folder)
         (path,) = folder.glob(file)
         return path
 
@@ -258,7 +257,6 @@ READERS: dict[str, Reader] = {
     "scores": result("x/scores/part-*.parquet", read_scores),
     "method.json": result("x/method.json", lambda results: results.methods()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),
-    "datasets.json": result("datasets.json", lambda results: list(results.by_dataset())),
     "colmap images.bin": Reader(colmap_model("images.bin"), read_colmap),
     "colmap cameras.bin": Reader(colmap_model("cameras.bin"), read_colmap),
     "colmap images.txt": Reader(colmap_model("images.txt"), read_colmap),

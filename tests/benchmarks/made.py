@@ -126,7 +126,7 @@ def write_row(
         "num_samples": 1,
     }
     own |= {"components": {}, "fingerprint": "f"}
-    results.write_method(name, {**own, **record})
+    results.write_method(Method(name=name, **{**own, **record}))
     if lines:
         scored = replace(scores(lines), facts=facts or {})
         results.write_scores([(scored, ScoreRecord(name, clips, "f"))])

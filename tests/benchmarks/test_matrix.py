@@ -8,6 +8,7 @@ import pytest
 from geovp_benchmarks.matrix import CONFIGS, schema
 from geovp_benchmarks.matrix.components import build_method
 from geovp_classic.errors import GeovpError
+from geovp_classic.types import PrivilegedInput
 
 PROTOCOL = {
     "dataset": {"name": "synthetic"},
@@ -61,12 +62,14 @@ def test_metrics_are_a_list_or_a_table_of_columns() -> None:
 def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     protocol = {**PROTOCOL, "dataset": {"name": "kitti", "root": "$STREETS/odometry"}}
     parsed = schema.parse("m", content(protocol=protocol))
-    assert parsed.with_root(Path("/data")).dataset["root"] == "/data"
+    with pytest.raises(GeovpError, match="/data"):
+        parsed.override(root=Path("/data")).build_dataset(PrivilegedInput.NONE)
     monkeypatch.setenv("STREETS", "/streets")
-    assert parsed.with_root(None).dataset["root"] == "/streets/odometry"
+    with pytest.raises(GeovpError, match="/streets/odometry"):
+        parsed.build_dataset(PrivilegedInput.NONE)
     monkeypatch.delenv("STREETS")
     with pytest.raises(GeovpError, match=r"\$STREETS.* is not set: set it, or give --root FOLDER"):
-        parsed.with_root(None)
+        parsed.build_dataset(PrivilegedInput.NONE)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ by name.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -141,7 +142,7 @@ def test_a_matrix_follows_a_protocol_by_name() -> None:
         (832, 256),
         1,
     )
-    assert parsed.dataset["root"] == "raw"
+    assert parsed.root == Path("raw")
     assert parsed.dataset["name"] == "kitti-raw"
     assert list(parsed.frame_metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
     assert schema.Matrix.model_validate_json(parsed.model_dump_json()) == parsed
@@ -151,7 +152,7 @@ def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
     own = {"name": "kitti", "sequences": ["06"], "fit": "stretch"}
     protocol = {"name": "fvs20", "root": "odometry", "stride": 14, "dataset": own}
     parsed = schema.parse("m", {**FOLLOWS, "protocol": protocol, "metrics": {"frame": ["psnr"]}})
-    assert parsed.dataset == {**own, "root": "odometry"}
+    assert (parsed.dataset, parsed.root) == (own, Path("odometry"))
     assert (parsed.num_past, parsed.stride) == (4, 14)
     assert list(parsed.frame_metrics) == ["psnr"]
 

@@ -44,18 +44,16 @@ ROAD |= {"trajectory.is_metric": np.array(False)}
 
 def method(folder: Path, **changed: Any) -> dict[str, Any]:
     (folder / "method.json").write_bytes(files.json_bytes(METHOD | changed))
-    return records.read_method(folder / "method.json").record
+    method: records.Method = records.read(folder / "method.json", records.Method, name="x")
+    return method.model_dump()
 
 
 @pytest.mark.parametrize("name", ["../up", "/root", "a\nb"])
 def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> None:
     results = Results(tmp_path)
     write_protocol(results, ["x", name], [])
-    with pytest.raises(BadData, match=r"protocol\.json: the method .*"):
+    with pytest.raises(BadData, match=r"protocol\.json: methods.1 is .* should match"):
         results.protocol()
-    results.write_datasets(["near", name])
-    with pytest.raises(BadData, match=r"datasets\.json: the data set .*"):
-        results.by_dataset()
 
 
 def kept(folder: Path, arrays: dict[str, Any], is_clip: bool = False) -> Clip | Prediction:
@@ -113,7 +111,7 @@ def test_a_missing_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "method.json"
     path.write_bytes(files.json_bytes({key: METHOD[key] for key in METHOD if key != "kind"}))
     with pytest.raises(BadData, match=r"method\.json: kind is missing"):
-        records.read_method(path)
+        records.read(path, records.Method, name="x")
 
 
 @pytest.mark.parametrize(

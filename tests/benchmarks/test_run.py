@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Processes
 from geovp_benchmarks.running.task import BuiltMatrix
 from geovp_benchmarks.tables import tables
@@ -332,7 +332,8 @@ class TestFailures:
         results.write_scores([(results.scores("still"), replace(record, method="gone"))])
         there = json.loads((tmp_path / "still/method.json").read_text())
         here = json.loads((tmp_path / "gone/method.json").read_text())
-        results.write_method("gone", {**there, **{key: here[key] for key in ("label", "asked")}})
+        gone = {**there, **{key: here[key] for key in ("label", "asked")}}
+        results.write_method(Method(name="gone", **gone))
         assert go(tmp_path, tables)["gone"].status == "done"
         assert len(rows(tmp_path, "gone")) == 10
         tables["predictors"]["gone"]["seed"] = 3

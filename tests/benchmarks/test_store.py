@@ -195,12 +195,12 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "method.json"
+    path = tmp_path / "protocol.json"
     write_bytes(path, b"old")
     with pytest.raises(ValueError, match="float"):
-        Results(tmp_path.parent).write_method(tmp_path.name, {"seconds": float("nan")})
+        Results(tmp_path).write_protocol({"stride": float("nan")})
     assert path.read_bytes() == b"old"
-    assert [each.name for each in tmp_path.iterdir()] == ["method.json"]
+    assert [each.name for each in tmp_path.iterdir()] == ["protocol.json"]
 
 
 def test_a_pickle_is_not_read(tmp_path: Path) -> None:
@@ -208,21 +208,6 @@ def test_a_pickle_is_not_read(tmp_path: Path) -> None:
     np.savez(tmp_path / "clips" / "evil..npz", frames=np.array([object()]))
     with pytest.raises(BadData, match="evil"):
         Results(tmp_path).clip("evil")
-
-
-def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None:
-    results = Results(tmp_path)
-    assert results.by_dataset() == {"": results}
-    results.write_datasets(["near", "far"])
-    assert results.by_dataset() == {
-        "near": Results(tmp_path / "near"),
-        "far": Results(tmp_path / "far"),
-    }
-    with pytest.raises(BadData, match="holds several data sets"):
-        results.protocol()
-    for _ in range(2):  # what is not there need not be removed
-        results.write_datasets([""])
-        assert results.by_dataset() == {"": results}
 
 
 def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:

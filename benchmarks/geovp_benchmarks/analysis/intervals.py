@@ -157,7 +157,9 @@ class BlockBootstrap:
             lengths = tuple(groups.lengths.tolist())
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
             off = np.einsum("rn,n->r", draws, values) / count - mean  # without threads, unlike @
-            quantiles, spread = np.quantile(off, [1 - tail, tail]), off.std()
+            # np.quantile does the same in ten times the time
+            quantiles = np.interp([1 - tail, tail], np.linspace(0, 1, len(off)), np.sort(off))
+            spread = off.std()
         return np.asarray(student_quantile(degrees, tail) / normal * error / spread * quantiles)
 
     def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from geovp_benchmarks.results.score_names import COVERAGE
 from geovp_benchmarks.results.scores import nanmean
-from geovp_benchmarks.results.store import Contents, Results
+from geovp_benchmarks.results.store import Results
 from geovp_classic.errors import BadData, nearest
 
 DIVISIONS: Mapping[
@@ -31,12 +31,11 @@ def divide(results: Results, by: str) -> list[Results]:
     if by not in DIVISIONS:
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, DIVISIONS)}")
     fact, bounds = DIVISIONS[by]
-    contents = results.select().contents()
     stored = results.clip_facts()
     facts = {clip: numbers[fact] for clip, numbers in stored.items() if fact in numbers}
     source = ""
     if not facts and fact == "seen":
-        facts, source = _covered(contents)
+        facts, source = _covered(results.select())
     if not facts:
         raise BadData(
             f"{results.root} has no {fact} of any clip: the data set has no true poses or depths, "
@@ -46,7 +45,7 @@ def divide(results: Results, by: str) -> list[Results]:
     inner = [f"{low:.3g} to {high:.3g}" for low, high in itertools.pairwise(bounds)]
     labels = [f"below {bounds[0]:.3g}", *inner, f"{bounds[-1]:.3g} or more", "unknown"]
     clips: dict[str, list[str]] = {label: [] for label in labels}
-    for clip in contents.protocol["clips"]:
+    for clip in results.protocol()["clips"]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
@@ -56,12 +55,12 @@ def divide(results: Results, by: str) -> list[Results]:
     ]
 
 
-def _covered(contents: Contents) -> tuple[dict[str, float], str]:
+def _covered(results: Results) -> tuple[dict[str, float], str]:
     """Return the fraction of pixels that a method covers by clip, and its name in words."""
-    for method in contents.methods:
+    for method in results.methods():
         if method.kind == "geometric" and method.status == "done":
-            samples = contents.scores[method.name].means()[COVERAGE]
+            samples = results.scores(method.name).means()[COVERAGE]
             covered = nanmean(samples, axis=1).tolist()  # over samples
-            facts = dict(zip(contents.protocol["clips"], covered, strict=True))
+            facts = dict(zip(results.protocol()["clips"], covered, strict=True))
             return facts, f", as {method.label} covers it"
     return {}, ""

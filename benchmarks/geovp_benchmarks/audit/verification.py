@@ -1,9 +1,10 @@
 """Verification of a results folder: recompute some stored scores, and compare."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,38 +33,12 @@ class Pair:
     clip: str
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """Comparison of stored with recomputed scores."""
 
-    pair: Pair
-    # largest difference by metric, in its unit; infinite if a value is missing
-    differences: Mapping[str, float] = field(default_factory=dict)
-    unavailable: Mapping[str, str] = field(default_factory=dict)  # reasons by metric
-    failure: str | None = None  # reason why nothing is compared
-    remarks: Sequence[str] = ()
-
-    def reproduces(self, tolerance: float) -> bool:
-        """Return whether all available metrics differ by at most a tolerance."""
-        return self.failure is None and max(self.differences.values(), default=0.0) <= tolerance
-
-    def sentence(self, tolerance: float, max_metrics: int = 3) -> str:
-        """Return the verdict in words, with the largest differences and their units."""
-        ordered = sorted(self.differences.items(), key=lambda item: -item[1])
-        listed = []
-        for name, difference in ordered[:max_metrics]:
-            unit = facts_of(name, self.pair.results.protocol()).get("unit", "")
-            listed.append(f"{name} {difference:.3g} {unit}".rstrip())
-        if len(ordered) > max_metrics:
-            listed.append(f"{len(ordered) - max_metrics} more")
-        outcome = "identical"
-        if self.failure is not None:
-            outcome = f"cannot be computed here: {self.failure}"
-        elif listed:
-            agreement = "within the tolerance" if self.reproduces(tolerance) else "differs"
-            outcome = f"{agreement}: {', '.join(listed)}"
-        words = [outcome, *(f"{name} cannot be compared" for name in self.unavailable)]
-        return f"{self.pair.method.label}, {self.pair.clip}: {'; '.join([*words, *self.remarks])}"
+    sentence: str  # with the largest differences and their units
+    is_reproduced: bool = False  # all available metrics, within the tolerance
+    unavailable: Mapping[str, str] = {}  # reasons by metric
 
 
 def sample(results: Results, count: int, seed: int, root: Path | None) -> list[Pair]:
@@ -95,14 +70,15 @@ def sample(results: Results, count: int, seed: int, root: Path | None) -> list[P
     return [pairs[index] for index in sorted(indices)]
 
 
-def verify(pair: Pair, root: Path | None = None) -> Verdict:
+def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     """Recompute stored scores, twice if they differ; nothing is written into the results."""
-    announce(f"{pair.clip}, {pair.method.label}")
+    label = f"{pair.method.label}, {pair.clip}"
+    announce(label)
     try:
         matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
-        (plan,) = matrix.methods
-        for component in built.methods[plan].values():
+        components = built.methods[matrix.methods[0]].values()
+        for component in components:
             if isinstance(component, Failure):
                 raise GeovpError(component.reason)
         recomputed = _recompute(pair, matrix)
@@ -113,14 +89,30 @@ def verify(pair: Pair, root: Path | None = None) -> Verdict:
             for name, difference in _differences(_values(stored), recomputed).items()
             if name.partition("@")[0] not in unavailable
         }
-        remarks = []
-        if differences and _differences(recomputed, _recompute(pair, matrix)):
-            remarks.append("not deterministic: two computations here differ as well")
-        if (code := code_hash(built.methods[plan].values())) != pair.record.code:
-            remarks.append(f"stored by code {pair.record.code}, here it is {code}")
+        is_random = differences and _differences(recomputed, _recompute(pair, matrix))
     except GeovpError as problem:
-        return Verdict(pair, failure=str(problem))
-    return Verdict(pair, differences, unavailable, remarks=remarks)
+        return Verdict(f"{label}: cannot be computed here: {problem}")
+    is_reproduced = max(differences.values(), default=0.0) <= tolerance
+    words = ["identical"]
+    if differences:
+        agreement = "within the tolerance" if is_reproduced else "differs"
+        words = [f"{agreement}: {_in_words(differences, pair.results.protocol())}"]
+    words += [f"{name} cannot be compared" for name in unavailable]
+    if is_random:
+        words.append("not deterministic: two computations here differ as well")
+    if (code := code_hash(components)) != pair.record.code:
+        words.append(f"stored by code {pair.record.code}, here it is {code}")
+    return Verdict(f"{label}: {'; '.join(words)}", is_reproduced, unavailable)
+
+
+def _in_words(differences: Mapping[str, float], protocol: Mapping[str, Any]) -> str:
+    """Return the largest differences with their units."""
+    names = sorted(differences, key=lambda name: -differences[name])[:3]
+    units = [facts_of(name, protocol).get("unit", "") for name in names]
+    return ", ".join(
+        f"{name} {differences[name]:.3g} {unit}".rstrip()
+        for name, unit in zip(names, units, strict=True)
+    )
 
 
 def other_versions(results: Results) -> Iterator[str]:
@@ -144,7 +136,7 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
             for name, spec in pair.record.metrics.items()
             if protocol["metrics"][name]["role"] == kind
         }
-    return validated(Matrix, fields, "protocol.json").with_root(root)
+    return validated(Matrix, fields, "protocol.json").override(root=root)
 
 
 def _recompute(pair: Pair, matrix: Matrix) -> Values:

@@ -45,7 +45,7 @@ def tables(args: argparse.Namespace, progress: Progress) -> list[Table]:
     from geovp_benchmarks.matrix import schema
     from geovp_classic.types import PrivilegedInput
 
-    matrix = schema.read(args.matrix, args.set).with_root(args.root)
+    matrix = schema.read(args.matrix, args.set).override(root=args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget

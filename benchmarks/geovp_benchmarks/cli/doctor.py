@@ -43,7 +43,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         lines = missing_archives(args.root, spec, sequences)
         yield from lines or [f"{args.root} has all that {args.protocol} needs"]
         return int(bool(lines))
-    if any((args.root / name).exists() for name in ("protocol.json", "datasets.json")):
+    if (args.root / "protocol.json").exists():
         findings = [*examine_results(args.root)]
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
@@ -110,16 +110,16 @@ def examine_results(root: Path) -> Iterator[str]:
     """Yield which scores a results folder lacks, and its damaged files."""
     from geovp_benchmarks.results.store import Results
 
-    for label, results in Results(root).by_dataset().items():
-        clips = results.protocol()["clips"]
-        for name in results.protocol()["methods"]:
-            method = results.method(name)
-            stored = {clip for record in results.score_records(name) for clip in record.clips}
-            missing = [clip for clip in clips if clip not in stored]
-            if missing and (method is None or method.status != "skipped"):
-                yield (
-                    f"{Path(label, name)}: scores of {len(missing)} of {len(clips)} clips are "
-                    f"missing, such as {missing[0]}"
-                )
-        for path in results.damaged_files():
-            yield f"{path} is damaged"
+    results = Results(root)
+    clips = results.protocol()["clips"]
+    for name in results.protocol()["methods"]:
+        method = results.method(name)
+        stored = {clip for record in results.score_records(name) for clip in record.clips}
+        missing = [clip for clip in clips if clip not in stored]
+        if missing and (method is None or method.status != "skipped"):
+            yield (
+                f"{name}: scores of {len(missing)} of {len(clips)} clips are missing, such as "
+                f"{missing[0]}"
+            )
+    for path in results.damaged_files():
+        yield f"{path} is damaged"

@@ -48,6 +48,6 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     formats = (args.format,) if args.format else ()
     options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
-    for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        for _, paths in plots.write_all(results, options, progress):
-            yield from map(str, paths)
+    results = Results(args.folder).select(*args.methods)
+    for _, paths in plots.write_all(results, options, progress):
+        yield from map(str, paths)

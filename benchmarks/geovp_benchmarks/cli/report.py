@@ -23,6 +23,6 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     from geovp_benchmarks.results.store import Results
 
     options = plots.Options(args.metrics, args.by, args.against)
-    for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        report.write(results, options, progress)
-        yield str(results.report)
+    results = Results(args.folder).select(*args.methods)
+    report.write(results, options, progress)
+    yield str(results.report)

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     published.load(args.name)  # an unknown name is bad input
     matrix = schema.read(CONFIGS / f"{args.name}.toml", args.set)
     matrix = with_max_samples(matrix.select(*args.methods), args.samples)
-    matrix = matrix.with_root(args.root).with_device(args.device)
+    matrix = matrix.override(root=args.root, device=args.device)
     results = Results(args.out or Path("results") / args.name)
     executor = registry.build("executors", args.workers)
     methods = run_matrix(matrix, results, Options(args.limit, args.keep), executor, progress)

@@ -44,36 +44,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
-    """Compute all data sets in turn, and write and print their tables."""
+    """Compute what is missing, and write and print the tables."""
     announce("starting")
-    from geovp_benchmarks.matrix import files, multiple_datasets
+    from geovp_benchmarks.matrix import schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running.dry_run import dry_run
     from geovp_benchmarks.running.plan import Options
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
 
-    matrices = {
-        label: matrix.select(*args.methods)
-        for label, matrix in multiple_datasets.parse(
-            *files.read(args.matrix, args.set), args.root
-        ).items()
-    }
+    matrix = schema.read(args.matrix, args.set).select(*args.methods)
+    matrix = matrix.override(root=args.root, device=args.device)
+    results = Results(args.out or Path("results") / args.matrix.stem)
     options = Options(args.limit, args.keep, args.fresh)
-    root = args.out or Path("results") / args.matrix.stem
     if args.dry_run:
-        for label, matrix in matrices.items():
-            num_workers = args.workers.get("workers", 1)
-            yield from dry_run(matrix, Results(root / label), options, num_workers)
+        yield from dry_run(matrix, results, options, args.workers.get("workers", 1))
         return 0
-    Results(root).write_datasets([*matrices])
     executor = registry.build("executors", args.workers)
-    codes = []
-    for label, matrix in matrices.items():
-        results = Results(root / label)
-        methods = run_matrix(matrix.with_device(args.device), results, options, executor, progress)
-        codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
-    return max(codes)
+    methods = run_matrix(matrix, results, options, executor, progress)
+    return (yield from conclude(results, methods, None if args.no_report else progress))
 
 
 def conclude(

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, shared("folder"))
     sample = {
         **shared("--root"),
-        "--pairs N": option("Number of (method, clip) pairs of each data set. Default: 8.", 8),
+        "--pairs N": option("Number of (method, clip) pairs. Default: 8.", 8),
         "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=at_least(0)),
         "--tolerance X": option(
             "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
@@ -34,17 +34,16 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
 
-    pairs = []
-    for results in Results(args.folder).by_dataset().values():
-        pairs += verification.sample(results, args.pairs, args.seed, args.root)
+    results = Results(args.folder)
+    pairs = verification.sample(results, args.pairs, args.seed, args.root)
     good = 0
     unavailable: dict[str, str] = {}
     for pair in tracked(pairs, len(pairs), progress):
-        verdict = verification.verify(pair, args.root)
-        yield verdict.sentence(args.tolerance)
-        good += verdict.reproduces(args.tolerance)
+        verdict = verification.verify(pair, args.root, args.tolerance)
+        yield verdict.sentence
+        good += verdict.is_reproduced
         unavailable |= verdict.unavailable
-    yield from verification.other_versions(pairs[0].results)
+    yield from verification.other_versions(results)
     for name, reason in unavailable.items():
         yield f"{name} cannot be compared: {reason}"
     yield f"{good} of {len(pairs)} reproduce" + " in the other metrics" * bool(unavailable)

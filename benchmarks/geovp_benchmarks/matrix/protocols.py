@@ -67,9 +67,6 @@ def expanded(content: Mapping[str, Any]) -> Mapping[str, Any]:
             f"{protocol.name} is measured on {protocol.data}, which nothing here reads: give "
             "dataset = { ... }"
         )
-    choices["dataset"] = validated(Spec, choices["dataset"], "protocol.dataset")
-    if "root" in choices:
-        choices["dataset"] = {**choices["dataset"], "root": choices.pop("root")}
     del choices["name"]
     metrics = validated(dict[str, Any], content.get("metrics", {}), "metrics")
     return {**content, "protocol": choices, "metrics": {"frame": protocol.metrics, **metrics}}

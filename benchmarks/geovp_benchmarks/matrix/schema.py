@@ -27,7 +27,7 @@ from geovp_classic.types import PrivilegedInput
 
 RESERVED = (  # files and folders of the results
     *("clips", "tables", "plots", "recordings", "earlier"),
-    *("protocol.json", "datasets.json", "method.json", "report.html", ".lock"),
+    *("protocol.json", "method.json", "report.html", ".lock"),
 )
 
 
@@ -68,6 +68,7 @@ class ProtocolTable(Table):
     """The table [protocol]: which frames are observed and predicted."""
 
     dataset: Annotated[Spec, AfterValidator(_check_dataset)]
+    root: Path | None = None  # of the data set, in place of its own
     num_past: Count
     num_future: Count
     size_px: Size
@@ -175,26 +176,22 @@ class Matrix(ProtocolTable, ComponentTables):
         keys = [key for method in self.methods for key in method.components.values()]
         return {(role, name): getattr(self, role)[name].spec for role, name in keys}
 
-    def with_root(self, root: Path | str | None) -> Self:
-        """Return the matrix with another root of its data set, or with $VARIABLES expanded."""
-        given = self.dataset.get("root")
-        if root is None and isinstance(given, str):
-            root = os.path.expandvars(given)
-            if "$" in root or (given and not root):
-                raise BadData(
-                    f"protocol.dataset.root is {given!r}, which is not set: set it, or give "
-                    "--root FOLDER"
-                )
-        if root is None:
-            return self
-        return self.model_copy(update={"dataset": self.dataset | {"root": str(root)}})
-
-    def with_device(self, device: str | None) -> Self:
-        """Return the matrix with another device, if one is given."""
-        return self if device is None else self.model_copy(update={"device": device})
+    def override(self, **settings: Any) -> Self:
+        """Return the matrix with settings in place of those of its file, without None."""
+        given = {key: value for key, value in settings.items() if value is not None}
+        return self.model_copy(update=given)
 
     def build_dataset(self, needs: PrivilegedInput) -> Any:
         """Build the data set with the protocol's clips and the views that components need."""
+        spec, given = self.dataset, self.root or self.dataset.get("root")
+        if isinstance(given, (str, Path)):
+            root = os.path.expandvars(given)
+            if "$" in root or (given and not root):
+                raise BadData(
+                    f"the root of the data set is {given!s}, which is not set: set it, or give "
+                    "--root FOLDER"
+                )
+            spec = spec | {"root": root}
         with registry.defaults(
             num_frames=self.num_past + self.num_future,
             stride=self.stride,
@@ -202,7 +199,7 @@ class Matrix(ProtocolTable, ComponentTables):
             with_full=PrivilegedInput.FULL_FRAMES in needs,
             with_right=PrivilegedInput.RIGHT_FRAMES in needs,
         ):
-            return registry.build("datasets", self.dataset, "protocol.dataset")
+            return registry.build("datasets", spec, "protocol.dataset")
 
 
 def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
@@ -248,12 +245,8 @@ def _check_methods(matrix: Matrix) -> None:
             "the matrix file has no complete method: give [pose_sources] and [renderers], or "
             "[predictors]"
         )
-    check_folders([method.name for method in matrix.methods])
-
-
-def check_folders(names: Sequence[str]) -> None:
-    """Raise BadData unless names are different folders of the results on every file system."""
-    folders = [name.casefold() for name in (*RESERVED, *names)]
+    names = [method.name for method in matrix.methods]
+    folders = [name.casefold() for name in (*RESERVED, *names)]  # on every file system
     for name in names:
         if folders.count(name.casefold()) > 1:
             raise BadData(

@@ -35,9 +35,9 @@ def _by_name(value: Any) -> Any:
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
-Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
-Device = Annotated[str, Field(pattern=DEVICE)]
 # The name of a method has two of these, and file systems allow 255 bytes.
 FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]{0,95}$")]
+Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
+Device = Annotated[str, Field(pattern=DEVICE)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]
 Size = tuple[Pixels, Pixels]  # width, height

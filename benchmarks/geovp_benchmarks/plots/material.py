@@ -30,10 +30,10 @@ class Material:
         labels = [method.label for method in results.methods() if method.num_clips]
         if options.against is not None:
             labels.append(options.against)
-        contents = results.select(*dict.fromkeys(labels)).contents()
-        named = {method.label: method for method in contents.methods}
-        reference = named.get(options.against or "")
-        return cls(results, contents.protocol, contents.methods, contents.scores, reference)
+        methods = results.select(*dict.fromkeys(labels)).methods()
+        scores = {method.name: results.scores(method.name) for method in methods}
+        reference = next((method for method in methods if method.label == options.against), None)
+        return cls(results, results.protocol(), methods, scores, reference)
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""

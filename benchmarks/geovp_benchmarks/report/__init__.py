@@ -23,8 +23,8 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
 
     With `options.against` and `by` there are also tables of differences and of strata.
     """
-    contents, metrics, against = results.contents(), options.metrics, options.against
-    protocol = contents.protocol
+    metrics, against = options.metrics, options.against
+    protocol = results.protocol()
     scores = tables.build(results, metrics=metrics)
     headline = findings.Headline.of(scores[0], protocol)
     material = Material.read(results, options)
@@ -50,7 +50,7 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     html = templates.get_template("report.html").render(
         protocol=protocol,
         summary=summary(protocol),
-        methods=contents.methods,
+        methods=results.methods(),
         headline=headline,
         baseline=against or "copy-last",
         marks=MARKS,

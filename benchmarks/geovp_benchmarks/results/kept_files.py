@@ -4,8 +4,7 @@ such as "motion.past.world_from_cam".
 
 import dataclasses
 import io
-import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,9 +14,10 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Prediction
+from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
 T = TypeVar("T", Clip, Prediction)
+NESTED = {"intrinsics": Intrinsics, "trajectory": Trajectory, "motion": Motion, "past": Trajectory}
 
 
 def write(path: Path, value: Clip | Prediction) -> None:
@@ -38,9 +38,7 @@ def read(path: Path, kind: type[T]) -> T:
     arrays = files.read_npz(path)
     try:
         value: T = _built(kind, arrays)
-        if arrays:
-            raise BadData(f"{', '.join(arrays)}: no such field")
-    except (TypeError, ValueError, AttributeError, BadData) as problem:
+    except (TypeError, ValueError, AttributeError, KeyError, BadData) as problem:
         raise BadData(f"{path} holds another {kind.__name__} ({problem}): remove it") from problem
     return value
 
@@ -64,15 +62,15 @@ def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield prefix + field.name, item
 
 
-def _built(kind: Any, arrays: dict[str, Any], prefix: str = "") -> Any:
-    """Return a dataclass; its arrays are removed from `arrays`."""
-    values = {}
-    for name, hint in typing.get_type_hints(kind).items():
-        path = prefix + name
-        nested = [each for each in (hint, *typing.get_args(hint)) if is_dataclass(each)]
-        if nested and any(key.startswith(f"{path}.") for key in arrays):
-            values[name] = _built(nested[0], arrays, f"{path}.")
-        elif path in arrays:
-            array = arrays.pop(path)
+def _built(kind: Any, arrays: Mapping[str, Any]) -> Any:
+    """Return a dataclass from the arrays of its fields and of nested ones."""
+    values: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
+    for path, array in arrays.items():
+        name, _, inner = path.partition(".")
+        if inner:
+            nested.setdefault(name, {})[inner] = array
+        else:
             values[name] = array if array.ndim else array.item()
+    values |= {name: _built(NESTED[name], inner) for name, inner in nested.items()}
     return kind(**values)

@@ -59,43 +59,42 @@ class ScoreRecord:
     written_ns: int = 0  # the newest scores of a clip count
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
-    def only(self, clips: Sequence[str]) -> ScoreRecord:
-        """Return the record of these clips, with their fraction of the times."""
-        ratio = len(clips) / len(self.clips)
-        return replace(
-            self,
-            clips=list(clips),
-            seconds={stage: seconds * ratio for stage, seconds in self.seconds.items()},
-            failures={clip: self.failures[clip] for clip in clips if clip in self.failures},
-        )
-
 
 RECORDS = TypeAdapter(list[ScoreRecord])
 
 
 class ScoreFiles:
-    """The score files of a results folder; each is checked and opened once."""
+    """The score files of a results folder, each checked and opened once."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._opened: dict[Path, list[ScoreRecord] | None] = {}  # None: damaged
 
     @cached_property
     def _database(self) -> duckdb.DuckDBPyConnection:
         return duckdb.connect()
 
-    def records(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
-        """Return all records of a method, and the damaged files."""
-        folders = (self.root / method / "scores", self.root / "scores")
-        paths = [path for folder in folders for path in sorted(folder.glob("part-*.parquet"))]
-        self._open([path for path in paths if path not in self._opened])
-        records = [
-            record
-            for path in paths
-            for record in self._opened[path] or ()
-            if record.method == method
-        ]
-        return records, [path for path in paths if self._opened[path] is None]
+    @cached_property
+    def _is_sound(self) -> dict[Path, bool]:
+        """Return whether each file has the hash in its name."""
+        patterns = ("scores/part-*.parquet", "*/scores/part-*.parquet")
+        paths = [path for pattern in patterns for path in sorted(self.root.glob(pattern))]
+        return {path: path.stem == f"part-{_digest(path)}" for path in paths}
+
+    @property
+    def damaged(self) -> list[Path]:
+        """Return the files that are not as they were written."""
+        return [path for path, is_sound in self._is_sound.items() if not is_sound]
+
+    @cached_property
+    def records(self) -> dict[str, list[ScoreRecord]]:
+        """Return the records of all other files by method."""
+        by_method: dict[str, list[ScoreRecord]] = {}
+        paths = [path for path, is_sound in self._is_sound.items() if is_sound]
+        for name, text in self._metadata(paths):
+            for record in RECORDS.validate_json(text):
+                of_method = by_method.setdefault(record.method, [])
+                of_method.append(replace(record, path=Path(name)))
+        return by_method
 
     def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> dict[str, Scores]:
         """Return all scores of these clips by method."""
@@ -151,7 +150,7 @@ class ScoreFiles:
         folder = self.root / method / "scores"  # a file that methods share stays
         records = [
             record
-            for record in self.records(method)[0]
+            for record in self.records.get(method, ())
             if record.fingerprint == fingerprint and record.path.parent == folder
         ]
         paths = {record.path for record in records}
@@ -166,14 +165,6 @@ class ScoreFiles:
         merged = self._copy(query, method, latest, self.facts(latest))
         for path in paths - {merged}:
             path.unlink(missing_ok=True)
-
-    def _open(self, paths: Iterable[Path]) -> None:
-        """Compare files with the hashes in their names, and read the records in their metadata."""
-        self._opened |= dict.fromkeys(paths)
-        sound = [path for path in paths if path.stem == f"part-{_digest(path)}"]
-        for name, text in self._metadata(sound):
-            records, path = RECORDS.validate_json(text), Path(name)
-            self._opened[path] = [replace(record, path=path) for record in records]
 
     def _metadata(self, paths: Collection[Path]) -> list[tuple[str, str]]:
         """Return the names and the records of files, as they are stored."""
@@ -228,17 +219,18 @@ class ScoreFiles:
 
 
 def newest(records: Sequence[ScoreRecord], clips: Collection[str]) -> list[ScoreRecord]:
-    """Return the newest record of each clip, restricted to some clips."""
+    """Return the newest records of some clips, with their fraction of the times."""
     latest: dict[str, ScoreRecord] = {}
     for record in sorted(records, key=lambda record: record.written_ns):
         latest |= dict.fromkeys(record.clips, record)
     wanted, selected = set(clips), []
     for record in records:
         names = [clip for clip in record.clips if latest[clip] is record and clip in wanted]
-        if len(names) == len(record.clips):
-            selected.append(record)
-        elif names:
-            selected.append(record.only(names))
+        if names:
+            ratio = len(names) / len(record.clips)
+            times_s = {stage: ratio * time_s for stage, time_s in record.seconds.items()}
+            failures = {clip: record.failures[clip] for clip in names if clip in record.failures}
+            selected.append(replace(record, clips=names, seconds=times_s, failures=failures))
     return selected
 
 

@@ -6,8 +6,6 @@
     <root>/<method>/scores/part-<hash>.parquet  a row per clip, sample, step and metric
     <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by the method's fingerprint
     <root>/tables  plots  report.html
-    <root>/datasets.json                      of several data sets: their labels
-    <root>/<label>/                           of several data sets: each as above
 
 Files are written next to their destination and renamed. Scores are stored by clip name, in one
 file per batch until a run ends; the name of a score file holds a hash of its content. Files of
@@ -17,8 +15,7 @@ earlier settings stay, and count again with these settings.
 from __future__ import annotations
 
 import functools
-import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,7 +32,7 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, Prediction
 
-__all__ = ["Contents", "Method", "Results", "ScoreRecord", "Scores"]
+__all__ = ["Method", "Results", "ScoreRecord", "Scores"]
 
 T = TypeVar("T")
 
@@ -65,17 +62,6 @@ def _remembered(read: Callable[..., T]) -> Callable[..., T]:
 
 
 @dataclass(frozen=True)
-class Contents:
-    """The protocol, methods and scores of a data set, read once for all tables."""
-
-    protocol: Mapping[str, Any]
-    methods: Sequence[Method]
-    scores: Mapping[str, Scores]  # by the name of a method
-    failures: Mapping[str, Mapping[str, str]]  # the reasons, by the name of a method and clip
-    is_selected: bool = False  # the methods were named
-
-
-@dataclass(frozen=True)
 class Results:
     """A results folder; records and the metadata of scores are read once, until it is written."""
 
@@ -90,23 +76,17 @@ class Results:
     @_remembered
     def protocol(self) -> dict[str, Any]:
         """Return what all methods share; see records.Protocol."""
-        if "" not in (labelled := self.by_dataset()):
+        if not self.begun:
             raise BadData(
-                f"{self.root} holds several data sets: give one, such as "
-                f"{self.root / min(labelled)}"
+                f"{self.root} has no protocol.json: not a results folder: give one that "
+                "`geovp run` wrote"
             )
-        protocol = records.read_protocol(self.root / "protocol.json")
+        protocol: dict[str, Any] = records.read(self.root / "protocol.json", records.Protocol)
         if self.subset is not None:
             clips = [clip for clip in protocol["clips"] if clip in self.subset]
             name = f"{protocol['name']}, {self.label} (n = {len(clips)})"
             protocol |= {"name": name, "clips": clips}
         return protocol
-
-    def by_dataset(self) -> dict[str, Results]:
-        """Return the results of each data set by its label; of a single one by the label ""."""
-        path = self.root / "datasets.json"
-        labels = records.read_labels(path) if path.exists() else []
-        return {label: replace(self, root=self.root / label) for label in labels} or {"": self}
 
     @property
     def begun(self) -> bool:
@@ -129,7 +109,7 @@ class Results:
     @_remembered
     def _method(self, name: str) -> Method | None:
         path = self.root / name / "method.json"
-        return records.read_method(path) if path.exists() else None
+        return records.read(path, Method, name=name) if path.exists() else None
 
     @_remembered
     def method(self, name: str) -> Method | None:
@@ -152,12 +132,11 @@ class Results:
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-        if damaged := self._read(method)[1]:
-            raise BadData(
-                f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again"
-            )
-        clips = self.protocol()["clips"]
-        return self.select()._all_scores().get(method, Scores(clips, {}))
+        scores = self.select()._all_scores()
+        for path in self._score_files.damaged:
+            if path.parent in (self.root / "scores", self.root / method / "scores"):
+                raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
+        return scores.get(method, Scores(self.protocol()["clips"], {}))
 
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
@@ -188,17 +167,6 @@ class Results:
         facts = self._score_files.facts(scored)
         return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
 
-    def contents(self) -> Contents:
-        """Return all that tables show of the selected methods."""
-        methods = self.methods()
-        return Contents(
-            self.protocol(),
-            methods,
-            {method.name: self.scores(method.name) for method in methods},
-            {method.name: self.failures(method.name) for method in methods},
-            bool(self.selected),
-        )
-
     def predictions(self, method: str, fingerprint: str = "") -> list[str]:
         """Return the names of the clips whose predictions by a method are kept."""
         return _names(self._prediction(method, "*", fingerprint))
@@ -222,19 +190,16 @@ class Results:
         Those of the method as it is now, or of another fingerprint.
         """
         fingerprint = fingerprint or self._fingerprint(method)
-        fitting = [each for each in self._read(method)[0] if each.fingerprint == fingerprint]
+        records = self._score_files.records.get(method, ())
+        fitting = [record for record in records if record.fingerprint == fingerprint]
         return newest(fitting, self.protocol()["clips"] if self.begun else ())
 
-    def damaged_files(self) -> list[Path]:
-        """Return the score files of this protocol and the kept files that are not as written."""
-        paths = [*self.root.glob("clips/[!.]*.npz"), *self.root.glob("*/predictions/[!.]*.npz")]
-        damaged = {path for path in paths if not kept_files.is_whole(path)}
-        return sorted(damaged.union(*(self._read(name)[1] for name in self.protocol()["methods"])))
-
     @_remembered
-    def _read(self, method: str) -> tuple[list[ScoreRecord], list[Path]]:
-        """Return all records of a method, and its damaged score files."""
-        return self._score_files.records(method)
+    def damaged_files(self) -> list[Path]:
+        """Return the score files and kept files that are not as they were written."""
+        paths = [*self.root.glob("clips/[!.]*.npz"), *self.root.glob("*/predictions/[!.]*.npz")]
+        damaged = [path for path in paths if not kept_files.is_whole(path)]
+        return sorted([*damaged, *self._score_files.damaged])
 
     @property
     def _score_files(self) -> ScoreFiles:
@@ -274,20 +239,14 @@ class Results:
 
     # Writing
 
-    def write_datasets(self, labels: Sequence[str]) -> None:
-        """Write the labels of several data sets; of one, remove what was written of several."""
-        if any(labels):
-            self._write("datasets.json", {"datasets": list(labels)})
-        else:
-            (self.root / "datasets.json").unlink(missing_ok=True)
-
     def write_protocol(self, protocol: Mapping[str, Any]) -> None:
         """Write protocol.json."""
         self._write("protocol.json", protocol)
 
-    def write_method(self, name: str, record: Mapping[str, Any]) -> None:
-        """Write the method.json of a method."""
-        self._write(f"{name}/method.json", record)
+    def write_method(self, method: Method) -> None:
+        """Write the method.json of a method, without the sums over its scores."""
+        sums = {"num_clips", "num_failed", "num_outdated", "seconds", "peak_memory_mb"}
+        self._write(f"{method.name}/method.json", method.model_dump(exclude={"name", *sums}))
 
     def _write(self, file: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, and forget what was read."""
@@ -303,9 +262,10 @@ class Results:
             self._score_files.write(method, of_method)
         self.memory.clear()
 
-    def merge(self, method: str) -> None:
-        """Merge the score files of a method into one; those of other clips and settings stay."""
-        self._score_files.merge(method, self._fingerprint(method))
+    def merge(self, *methods: str) -> None:
+        """Merge the score files of each method into one; those of other settings stay."""
+        for method in methods:
+            self._score_files.merge(method, self._fingerprint(method))
         self.memory.clear()
 
     def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
@@ -323,11 +283,6 @@ class Results:
         for path in paths.union(folder.parent.glob(folder.name)):
             if path.parent != self.root / "scores":  # of several methods
                 path.unlink(missing_ok=True)
-        self.memory.clear()
-
-    def remove_method(self, method: str) -> None:
-        """Remove a method with all its rows and predictions."""
-        shutil.rmtree(self.root / method, ignore_errors=True)
         self.memory.clear()
 
 

@@ -3,7 +3,7 @@
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.score_files import seconds
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.plan import Options, make_plan
+from geovp_benchmarks.running.plan import Options, Plan
 from geovp_benchmarks.tables.formats import grid
 
 
@@ -12,14 +12,14 @@ def dry_run(matrix: Matrix, results: Results, options: Options, workers: int) ->
 
     Times are those of stored scores, and unknown for methods without any.
     """
-    plan = make_plan(matrix, results, options)
+    plan = Plan(matrix, results, options)
     lines = [["method", "to do", "stored", "s per clip"]]
     num_missing, total_s = 0, 0.0
     for method, record in plan.records.items():
         clips = plan.missing(method)
         num_missing += len(clips)
-        scored = results.score_records(method.name, record["fingerprint"])
-        note = record.get("reason", "unknown")
+        scored = results.score_records(method.name, record.fingerprint)
+        note = record.reason or "unknown"
         if scored:
             time_s = sum(seconds(scored).values())
             per_clip_s = time_s / sum(len(each.clips) for each in scored)

@@ -12,7 +12,7 @@ from geovp_benchmarks.matrix.components import code_hash, weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.score_files import Failure
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -32,11 +32,31 @@ class Options:
 class Plan:
     """Everything that is fixed before the first clip is read."""
 
-    built: BuiltMatrix
+    matrix: Matrix
     results: Results
-    clips: Sequence[str]
-    keep: Set[str]  # clips whose predictions are stored
-    is_fresh: bool  # whether to recompute what another version of the code computed
+    options: Options
+
+    @cached_property
+    def built(self) -> BuiltMatrix:
+        """Build everything once; nothing is written."""
+        build_matrix.cache_clear()  # packages or weights may have been installed
+        return build_matrix(self.matrix.model_dump_json())
+
+    @cached_property
+    def clips(self) -> Sequence[str]:
+        """Return the names of the clips; raise BadData if there are none."""
+        clips = self.built.clip_names[: self.options.limit]
+        if not clips:
+            raise BadData(
+                "the data set has no clip of that length: give a longer sequence or fewer frames "
+                "a clip"
+            )
+        return clips
+
+    @cached_property
+    def keep(self) -> Set[str]:
+        """Return the clips whose predictions are stored."""
+        return select(self.options.keep, self.clips)
 
     @cached_property
     def protocol(self) -> dict[str, Any]:
@@ -44,7 +64,7 @@ class Plan:
 
         Its fingerprint is a hash of what all scores depend on except the method and the code.
         """
-        built, matrix = self.built, self.built.matrix
+        built, matrix = self.built, self.matrix
         dataset = registry.describe(built.dataset)
         views = ("with_full", "with_right", "stride")  # follow from the methods, or only add clips
         frames = {key: value for key, value in dataset.items() if key not in views}
@@ -75,60 +95,55 @@ class Plan:
             stored = self.results.protocol()
             if stored.get("fingerprint") == fingerprint:
                 names.update(stored["methods"])
-        every_method = self.built.matrix.select().methods
+        every_method = self.matrix.select().methods
         return [method.name for method in every_method if method.name in names]
 
-    @property
-    def fingerprint(self) -> str:
-        """Return the fingerprint of the protocol."""
-        return str(self.protocol["fingerprint"])
-
     @cached_property
-    def records(self) -> dict[MethodPlan, dict[str, Any]]:
-        """Return the content of each method.json before the first clip."""
+    def records(self) -> dict[MethodPlan, Method]:
+        """Return the record of each method before the first clip."""
         return {method: self._record(method) for method in self.built.methods}
 
-    def _record(self, method: MethodPlan) -> dict[str, Any]:
-        """Return the record of a method; the fingerprint is "" if it cannot be built here."""
-        components = self.built.methods[method]
-        specs = self.built.matrix.specs
-        shared = ("label", "kind", "pose_source", "renderer", "num_samples")
-        record = {
-            **{key: getattr(method, key) for key in shared},
-            "asked": {
-                **{role: specs[key] for role, key in method.components.items()},
-                "num_samples": method.num_samples,
-                "protocol": self.fingerprint,
-            },
-        }
+    def _record(self, plan: MethodPlan) -> Method:
+        """Return the record of a method; without a fingerprint if it cannot be built here."""
+        components, specs = self.built.methods[plan], self.matrix.specs
+        asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
+        asked |= {"num_samples": plan.num_samples, "protocol": self.protocol["fingerprint"]}
+        record = Method(
+            name=plan.name,
+            label=plan.label,
+            kind=plan.kind,
+            num_samples=plan.num_samples,
+            pose_source=plan.pose_source,
+            renderer=plan.renderer,
+            asked=asked,
+        )
         for component in components.values():
             if isinstance(component, Failure):
-                missing = {"components": {}, "privileged_inputs": [], "fingerprint": "", "code": ""}
-                return {**record, **missing, **component._asdict()}
+                return record.model_copy(update=component._asdict())
         described = {role: registry.describe(each) for role, each in components.items()}
         needs = needs_of(components.values())
-        return {
-            **record,
-            "status": "done",  # where no clip lacks scores
+        hashed = [self.protocol["fingerprint"], described, plan.num_samples]
+        resolved = {
             "components": described,
             "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
-            "fingerprint": content_hash([self.fingerprint, described, method.num_samples]),
+            "fingerprint": content_hash(hashed),
             "about": weights_of(components.values()),
             "code": code_hash(components.values()),
         }
+        return record.model_copy(update=resolved)
 
     def missing(self, method: MethodPlan) -> Set[str]:
         """Return the clips that failed, or that lack scores or a prediction to be kept."""
         record = self.records[method]
-        if not record["fingerprint"]:
+        if not record.fingerprint:
             return set()
-        name, fingerprint = method.name, record["fingerprint"]
-        predicted = set(self.results.clips(self.fingerprint))
+        name, fingerprint = method.name, record.fingerprint
+        predicted = set(self.results.clips(self.protocol["fingerprint"]))
         predicted &= set(self.results.predictions(name, fingerprint))
         missing = set(self.clips)
         for scored in self.results.score_records(name, fingerprint):
             has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
-            if has_metrics and (scored.code == record["code"] or not self.is_fresh):
+            if has_metrics and (scored.code == record.code or not self.options.fresh):
                 missing.difference_update(scored.clips)
                 for clip, failure in scored.failures.items():
                     if failure.status == "failed":
@@ -137,10 +152,10 @@ class Plan:
 
     def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
-        matrix, root = self.built.matrix.model_dump_json(), self.results.root
+        matrix, root = self.matrix.model_dump_json(), self.results.root
         for index, clip in enumerate(self.clips):
             fingerprints = {
-                method: self.records[method]["fingerprint"]
+                method: self.records[method].fingerprint
                 for method, lacking in missing.items()
                 if clip in lacking
             }
@@ -164,15 +179,3 @@ def select(keep: str, clips: Sequence[str]) -> set[str]:
             f"among {clips[0]} to {clips[-1]}"
         )
     return names
-
-
-def make_plan(matrix: Matrix, results: Results, options: Options) -> Plan:
-    """Build everything once; nothing is written."""
-    build_matrix.cache_clear()  # packages or weights may have been installed
-    built = build_matrix(matrix.model_dump_json())
-    clips = built.clip_names[: options.limit]
-    if not clips:
-        raise BadData(
-            "the data set has no clip of that length: give a longer sequence or fewer frames a clip"
-        )
-    return Plan(built, results, clips, select(options.keep, clips), options.fresh)

@@ -19,7 +19,7 @@ def stored_metrics(results: Results) -> Metrics:
     for name, about in protocol["metrics"].items():
         if "asked" in about:
             specs[about["role"]][name] = about["asked"]
-    return Metrics.build(specs["frame"], specs["trajectory"], protocol["size_px"])
+    return Metrics.build(**specs, size_px=protocol["size_px"])
 
 
 def rescore(
@@ -44,9 +44,8 @@ def rescore(
     output.write_protocol({**rescored, "id": protocol_id(rescored)})
     methods = results.methods()
     for method in tracked(methods, len(methods), progress):
-        output.remove_method(method.name)
         status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
-        output.write_method(method.name, method.record | {"code": "", "status": status})
+        output.write_method(method.model_copy(update={"code": "", "status": status}))
         output.write_scores(_rescored(results, output, method, metrics))
     return output.methods()
 

@@ -13,7 +13,7 @@ from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
-from geovp_benchmarks.running.plan import Options, Plan, make_plan
+from geovp_benchmarks.running.plan import Options, Plan
 from geovp_benchmarks.running.task import Scored, score_clip
 
 logger = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ def run(
     """
     with results_lock(results.root):
         announce("building components and metrics")
-        plan = make_plan(matrix, results, options)
+        plan = Plan(matrix, results, options)
         compute_missing(plan, executor, progress)
     return results.methods()
 
@@ -90,11 +90,12 @@ def begin(plan: Plan) -> None:
     """
     results = plan.results
     results.write_protocol(plan.protocol)
-    for method, record in plan.records.items():
-        stored = results.method(method.name)
-        is_same = stored is not None and stored.num_clips and stored.asked == record["asked"]
-        if record["fingerprint"] or not is_same:  # else another machine could build and run it
-            results.write_method(method.name, record)
+    stored = {method.name: method for method in results.methods()}
+    for record in plan.records.values():
+        before = stored.get(record.name)
+        is_same = before is not None and before.num_clips and before.asked == record.asked
+        if record.fingerprint or not is_same:  # else another machine could build and run it
+            results.write_method(record)
     for path in results.damaged_files():
         aside = path.rename(path.with_name(f"{path.name}.damaged"))
         logger.warning("%s was damaged: it is set aside as %s and computed again", path, aside.name)
@@ -104,11 +105,11 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
     results.write_scores(batch)
-    for method, record in plan.records.items():
-        if not record["fingerprint"]:
-            continue
-        results.merge(method.name)
-        scored = results.score_records(method.name)
+    methods = [method for method in plan.records.values() if method.fingerprint]
+    results.merge(*(method.name for method in methods))
+    records = {method.name: results.score_records(method.name) for method in methods}
+    for method in methods:
+        scored = records[method.name]
         failures = [failure for each in scored for failure in each.failures.values()]
         if not failures:
             continue
@@ -118,4 +119,4 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
         if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
             outcome = first._asdict()
             results.discard(method.name)  # so that the next run tries again
-        results.write_method(method.name, record | outcome)
+        results.write_method(method.model_copy(update=outcome))

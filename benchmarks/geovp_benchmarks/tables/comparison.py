@@ -73,10 +73,9 @@ def _differences(
 
 def _paired_differences(*sides: Results) -> Iterator[str]:
     """Yield the means of each metric, and the mean difference over common clips."""
-    contents = [results.contents() for results in sides]
-    clips, clips_b = (side.protocol["clips"] for side in contents)
-    scores, scores_b = (method_scores(side, side.methods[0])[0].scores for side in contents)
+    clips, clips_b = (side.protocol()["clips"] for side in sides)
     common = [clip for clip in clips if clip in clips_b]
+    scores, scores_b = (method_scores(side, side.methods()[0])[0].scores for side in sides)
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]

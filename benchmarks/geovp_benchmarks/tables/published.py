@@ -14,7 +14,7 @@ from typing import Any
 
 from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.matrix import protocols
-from geovp_benchmarks.results.store import Contents, Results
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import MethodScores, Table
@@ -24,22 +24,22 @@ from geovp_classic.errors import BadData
 
 def build(results: Results, name: str) -> list[Table]:
     """Return the table of stored scores, and the published one."""
-    paper, protocol, contents = load(name), protocols.load(name), results.contents()
+    paper, protocol, stored = load(name), protocols.load(name), results.protocol()
     suffixes = [f" t+{k}" for k in protocol.horizons] or [""]
     headings = {
         metric + suffix: title(metric) + suffix
         for metric in protocol.metrics
         for suffix in suffixes
     }
-    methods = _measured(contents, paper["row"], protocol.horizons)
-    ours = table_of(name, "measured here", headings, methods, contents.protocol)
+    methods = _measured(results, paper["row"], protocol.horizons)
+    ours = table_of(name, "measured here", headings, methods, stored)
     columns = [replace(column, decimals=paper["decimals"]) for column in ours.columns]
     ours = replace(ours, columns=columns, spread="standard-error")
     notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
-    if protocol.num_clips not in (None, len(contents.protocol["clips"])):
+    if protocol.num_clips not in (None, len(stored["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
     return [
-        explained(ours, contents, notes),
+        explained(ours, results, results.methods(), notes),
         Table(
             f"{name}-published",
             "Published, not measured here",
@@ -62,7 +62,7 @@ def load(name: str) -> Mapping[str, Any]:
 
 
 def _measured(
-    contents: Contents, rows: Sequence[Mapping[str, Any]], horizons: Sequence[int]
+    results: Results, rows: Sequence[Mapping[str, Any]], horizons: Sequence[int]
 ) -> list[MethodScores]:
     """Return the methods that stand for published rows, in their order, then all others.
 
@@ -70,11 +70,11 @@ def _measured(
     """
     names = {row["method"]: row["name"] for row in rows if "method" in row}
     places = {label: place for place, label in enumerate(names)}
-    methods = [method for method in contents.methods if method.num_clips]
+    methods = [method for method in results.methods() if method.num_clips]
     methods.sort(key=lambda method: places.get(method.label, len(places)))
     measured = []
     for method in methods:
-        scores = method_scores(contents, method, horizons=horizons)[-1]
+        scores = method_scores(results, method, horizons=horizons)[-1]
         name = names.get(method.label, scores.label)
         label = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
         measured.append(replace(scores, label=label, is_oracle_selected=False))

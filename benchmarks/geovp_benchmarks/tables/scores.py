@@ -7,24 +7,24 @@ import numpy as np
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.store import Contents, Method
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.tables.table_model import MethodScores
 
 
 def method_scores(
-    contents: Contents, method: Method, *, strict: bool = False, horizons: Sequence[int] = ()
+    results: Results, method: Method, *, strict: bool = False, horizons: Sequence[int] = ()
 ) -> list[MethodScores]:
     """Return the scores of a method; of one with several samples, also those of the best sample.
 
     `strict` leaves out clips that the method could not predict. For each of the horizons there is a
     column of means over the first steps, such as "psnr t+5".
     """
-    protocol, stored = contents.protocol, contents.scores[method.name]
+    protocol, stored = results.protocol(), results.scores(method.name)
     clips, columns = protocol["clips"], stored.means()
     for num_steps in horizons:
         first = stored.means(num_steps)
         columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
-    failed = np.isin(clips, [*contents.failures[method.name]]) & strict
+    failed = np.isin(clips, [*results.failures(method.name)]) & strict
     for values in columns.values():
         values[failed] = np.nan
     lines = []

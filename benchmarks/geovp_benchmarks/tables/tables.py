@@ -9,7 +9,7 @@ import numpy as np
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
-from geovp_benchmarks.results.store import Contents, Results
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import (
     MARKS,
     facts_of,
@@ -43,10 +43,13 @@ def build(
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. With named columns there is only one table. Methods compete among those selected.
     """
-    contents = results.contents()
-    main, protocol = _main_table(contents, metrics, strict), contents.protocol
+    main, protocol = _main_table(results, metrics, strict), results.protocol()
     tables = [main] if metrics else [main, *_detail_tables(main, protocol)]
-    return [explained(replace(table, spread=spread), contents, strict=strict) for table in tables]
+    methods = results.methods()
+    return [
+        explained(replace(table, spread=spread), results, methods, strict=strict)
+        for table in tables
+    ]
 
 
 def against(
@@ -56,9 +59,8 @@ def against(
 
     A method with samples is compared by its mean over them. Intervals hold simultaneously.
     """
-    contents = results.contents()
-    main, protocol = _main_table(contents, metrics, strict), contents.protocol
-    reference = _main_table(results.select(name).contents(), (), strict).methods[0]
+    main, protocol = _main_table(results, metrics, strict), results.protocol()
+    reference = _main_table(results.select(name), (), strict).methods[0]
     columns = [column for column in main.columns if column.key in reference.scores]
     errors = [column.key for column in columns if column.higher_is_better is False]
     exact = [key for key in errors if reference.scores[key].is_exact]
@@ -82,16 +84,16 @@ def against(
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
     table = Table("against", heading, columns, methods, starred=starred)
-    return explained(table, replace(contents, methods=()), notes)
+    return explained(table, results, (), notes)
 
 
-def _main_table(contents: Contents, metrics: Sequence[str], strict: bool) -> Table:
+def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores."""
-    protocol, methods = contents.protocol, []
-    for method in contents.methods:
+    protocol, methods = results.protocol(), []
+    for method in results.methods():
         if method.status in ("done", "partial"):
-            methods += method_scores(contents, method, strict=strict)
-        elif contents.is_selected:
+            methods += method_scores(results, method, strict=strict)
+        elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
@@ -141,18 +143,23 @@ def table_of(
 
 
 def explained(
-    table: Table, contents: Contents, notes: Sequence[str] = (), *, strict: bool = False
+    table: Table,
+    results: Results,
+    methods: Sequence[Method],
+    notes: Sequence[str] = (),
+    *,
+    strict: bool = False,
 ) -> Table:
-    """Return the table with notes on its numbers, and on the methods of the contents."""
+    """Return the table with notes on its numbers, and on the methods."""
     text = template("notes.txt").render(
         table=table,
         metrics={metric_of(column.key) for column in table.columns},
         clips="".join(map(table.clips, table.methods)),
         notes=notes,
         strict=strict,
-        protocol=contents.protocol,
-        methods=contents.methods,
-        failures_of=contents.failures,
+        protocol=results.protocol(),
+        methods=methods,
+        failures_of=results.failures,
         marks=MARKS,
         summary=summary,
         title=title,

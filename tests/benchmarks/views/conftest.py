@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores
 
@@ -144,7 +144,7 @@ def fill(root: Path) -> Path:
     drive = straight(1.0, PAST + FUTURE)
     results.write_clip(Clip(KEPT, frames, drive.times_s, CAMERA, drive))
     for name, (_, _, status, _, _, _) in METHODS.items():
-        results.write_method(name, record(name))
+        results.write_method(Method(name=name, **record(name)))
         if status in ("done", "partial"):
             scored = rows(name)
             about = ScoreRecord(name, [*scored.clips], "f", {}, {"motion": 1.25, "metrics": 2.5})

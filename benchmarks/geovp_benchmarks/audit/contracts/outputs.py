@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.errors import GeovpError
 from geovp_classic.types import (
     ByteArray,
     Context,
@@ -19,10 +18,6 @@ from geovp_classic.types import (
 )
 
 Outputs = dict[str, npt.NDArray[Any]]
-
-
-class ContractViolation(GeovpError):
-    """Broken promise of a component's interface; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +45,13 @@ class Trial:
 
 
 def require(condition: object, message: str) -> None:
-    """Raise ContractViolation with the message unless the condition holds."""
+    """Raise AssertionError with the message unless the condition holds."""
     if not condition:
-        raise ContractViolation(message)
+        raise AssertionError(message)
 
 
 def require_shape(name: str, array: npt.NDArray[Any], *shape: int) -> None:
-    """Raise ContractViolation unless an array has a shape."""
+    """Raise AssertionError unless an array has a shape."""
     require(array.shape == shape, f"{name} have shape {array.shape}, expected {shape}")
 
 
@@ -71,16 +66,13 @@ def arrays(value: Any, name: str = "output") -> Outputs:
     return outputs
 
 
-def equal(first: Outputs, second: Outputs) -> bool:
-    """Return whether two runs agree within 1e-6 of a value and one grey level of a pixel."""
-    if first.keys() != second.keys():
-        return False
+def require_equal(first: Outputs, second: Outputs, message: str) -> None:
+    """Require that two runs agree within 1e-6 of a value and one grey level of a pixel."""
+    require(first.keys() == second.keys(), message)
     for name, array in first.items():
         tolerance = 1 if array.dtype == np.uint8 else 1e-6
         pair = array.astype(float), second[name].astype(float)
-        if not np.allclose(*pair, rtol=1e-6, atol=tolerance, equal_nan=True):
-            return False
-    return True
+        require(np.allclose(*pair, rtol=1e-6, atol=tolerance, equal_nan=True), message)
 
 
 def _call(trial: Trial, context: Context) -> Any:
@@ -102,11 +94,10 @@ def _call(trial: Trial, context: Context) -> Any:
             return replace(motion, futures=futures)
         case "depth_sources":
             inverse_depths, confidences = component.inverse_depths(context, past)
-            for values in (inverse_depths, confidences):
+            for values, maximum in ((inverse_depths, np.finfo(np.float32).max), (confidences, 1)):
                 require_shape("depths and confidences", values, *context.frames.shape[:3])
-                is_valid = np.isfinite(values) & (values >= 0)
-                require(is_valid.all(), "inverse depths or confidences are negative or not finite")
-            require((confidences <= 1).all(), "confidences are above 1")
+                is_valid = (values >= 0) & (values <= maximum)  # not of NaN
+                require(is_valid.all(), f"depths and confidences are not within 0 and {maximum}")
             return inverse_depths, confidences
         case "renderers":
             scene = component.reconstruct(context, past)
@@ -133,8 +124,7 @@ def _check(trial: Trial, output: Any) -> None:
         _require_samples(trial, "frames", output.frames, *truth.future_frames.shape)
         output = output.motion
     if isinstance(output, Motion):
-        times_s = output.past.times_s
-        same = len(times_s) == truth.num_past and np.allclose(times_s, truth.past.times_s)
+        same = np.array_equal(output.past.times_s, truth.past.times_s)
         require(same, "the past poses have other times than the frames")
         _require_samples(trial, "futures", output.futures, truth.num_future, 4, 4)
 
@@ -183,5 +173,5 @@ def _last_clip(dataset: Any) -> Any:
     """Return the last clip, and require IndexError for the next one."""
     with suppress(IndexError):
         dataset[len(dataset)]
-        raise ContractViolation("there are more clips than the length, expected IndexError")
+        raise AssertionError("there are more clips than the length, expected IndexError")
     return dataset[len(dataset) - 1]
