@@ -48,7 +48,6 @@ EXTRA_OF_MODULE = {
     "open3d": "volume",
     "av": "video",
     "argcomplete": "completion",
-    "aiohttp": "display",
     "rosbags": "rosbag",
     "onnx": "onnx",
     "onnxruntime": "pretrained",

@@ -212,6 +212,7 @@ WRONG = [
     "table",
 ]
 WRONG += ["verify x --seed -1", "verify x --tolerance inf"]
+WRONG += ["display x --loss 2", "display x --jitter 99", "display x --latency nan"]
 
 
 @pytest.mark.parametrize("words", WRONG)

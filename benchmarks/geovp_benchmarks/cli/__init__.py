@@ -20,7 +20,7 @@ from typing import Any
 
 from geovp_benchmarks.cli.messages import logger, messages
 from geovp_benchmarks.progress import progress_bar
-from geovp_classic.errors import GeovpError
+from geovp_classic.errors import GeovpError, install_command
 
 COMMANDS = (
     "run",
@@ -102,6 +102,13 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
             logger.error(textwrap.shorten(str(error), 2000))
+            return 2
+        except ModuleNotFoundError as error:
+            from geovp_classic.registry import EXTRA_OF_MODULE
+
+            if error.name not in EXTRA_OF_MODULE:
+                raise
+            logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
             return 2
         except KeyboardInterrupt:
             logger.error("interrupted: finished work is kept, rerun to continue")

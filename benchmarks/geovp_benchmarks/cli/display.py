@@ -10,10 +10,13 @@ Examples:
 """
 
 import argparse
+import contextlib
+import secrets
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option
+from geovp_benchmarks.cli.options import Lines, add_options, number, option
 from geovp_benchmarks.cli.predict import add_camera
 from geovp_benchmarks.progress import Progress, tracked
 
@@ -40,14 +43,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     }
     add_options(parser, images, "input")
     add_camera(parser)
+    delay_s = number(0, 10, float)
     channel = {
-        "--latency X": option(
-            "Delay of each image in seconds, at most 10. Default: 0.5.", 0.5, dest="latency_s"
+        "--latency S": option(
+            "Delay of each image, 0 to 10 s. Default: 0.5.", 0.5, dest="latency_s", type=delay_s
         ),
-        "--jitter X": option(
-            "Largest additional delay, uniformly distributed. Default: 0.", 0.0, dest="jitter_s"
+        "--jitter S": option(
+            "Largest additional delay, 0 to 10 s, uniformly distributed. Default: 0.",
+            0.0,
+            dest="jitter_s",
+            type=delay_s,
         ),
-        "--loss X": option("Probability that an image is lost. Default: 0.", 0.0),
+        "--loss P": option(
+            "Probability that an image is lost. Default: 0.", 0.0, type=number(0, 1, float)
+        ),
     }
     add_options(parser, channel, "simulated channel")
     group = parser.add_argument_group("motion", "By default, the motion is forecast.")
@@ -61,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1.",
             "127.0.0.1",
         ),
-        "--port PORT": option("Port; 0: any free one. Default: 8765.", 8765, type=at_least(0)),
+        "--port PORT": option("Port; 0: any free one. Default: 8765.", 8765, type=number(0)),
         "--token TEXT": (
             "Secret part of the page's address, to keep it over restarts. Default: random."
         ),
@@ -74,10 +83,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, output, "output")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the address of the page and serve it until interrupted, or write a video."""
     from geovp_benchmarks.display.channel import Channel
-    from geovp_benchmarks.display.commands import Commands, Driver, PlannedCommands
+    from geovp_benchmarks.display.commands import Driver, read_commands
+    from geovp_benchmarks.display.server import Server
     from geovp_benchmarks.display.session import Session
     from geovp_benchmarks.display.source import Source
     from geovp_benchmarks.predict.request import PredictionRequest
@@ -85,37 +95,32 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
 
     if args.out is not None and args.drive:
         raise BadData("--out writes a video without a page to drive at: remove --drive")
-    channel = Channel(args.latency_s, args.jitter_s, args.loss)
-    commands: Commands = Driver() if args.drive else PlannedCommands()
-    if args.commands is not None:
-        commands = PlannedCommands.read(args.commands)
     names = ("path", "rate_hz", "size_px", "intrinsics", "fov_deg", "calibration", "distortion")
     given = {name: getattr(args, name) for name in (*names, "camera_height_m")}
     source = Source.open(PredictionRequest(**given), args.sequence)
-    session = Session(source, channel, commands)
+    channel = Channel(args.latency_s, args.jitter_s, args.loss)
+    planned = [] if args.commands is None else read_commands(args.commands)
+    session = Session(source, channel, planned, Driver() if args.drive else None)
     session.is_dimming = args.dim
     if args.out is not None:
         write_video(session, args.out, progress)
         yield str(args.out)
-        return 0
-    yield from serve(session, args.host, args.port, args.token)
-    return 0
+        return
+    with Server(session, args.host, args.port, args.token or secrets.token_urlsafe()) as server:
+        yield server.url
+        with contextlib.suppress(KeyboardInterrupt):
+            server.play(threading.Event())
 
 
 def write_video(session: "Session", path: Path, progress: Progress) -> None:
     """Write all views of a recording to an mp4 file."""
-    import importlib.util
-
     import numpy as np
 
     from geovp_benchmarks.display.drawing import side_by_side
     from geovp_benchmarks.plots import video
-    from geovp_classic import registry
     from geovp_classic.data.atomic import atomic_write
-    from geovp_classic.errors import BadData, MissingExtra
+    from geovp_classic.errors import BadData
 
-    if importlib.util.find_spec("av") is None:
-        raise MissingExtra(f"--out needs PyAV: {registry.install_command('video')}")
     if session.source.is_camera:
         raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
     if path.suffix != ".mp4":
@@ -125,25 +130,3 @@ def write_video(session: "Session", path: Path, progress: Progress) -> None:
     frames = (side_by_side(shown.panels) for shown in views)
     with atomic_write(path) as scratch:
         video.write_mp4(scratch, frames, 1 / float(np.median(np.diff(times_s))))
-
-
-def serve(session: "Session", host: str, port: int, token: str | None) -> LinesAndCode:
-    """Print the page's address and serve it until interrupted."""
-    import asyncio
-    import contextlib
-    import secrets
-
-    from geovp_classic import registry
-    from geovp_classic.errors import MissingExtra
-
-    try:
-        from geovp_benchmarks.display import server
-    except ImportError as error:
-        command = registry.install_command("display")
-        raise MissingExtra(f"the page needs aiohttp ({error}): {command}") from error
-    token = token or secrets.token_urlsafe()
-    listener = server.listen(host, port)
-    yield server.address(listener, token)
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(server.Server(session, token).run(listener))
-    return 0

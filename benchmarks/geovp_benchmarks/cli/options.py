@@ -1,7 +1,6 @@
 """Options of the commands: types by metavar, and the options that several commands share."""
 
 import argparse
-import math
 import tomllib
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
@@ -68,7 +67,7 @@ def add_options(
         "FILE": Path,
         "FOLDER": Path,
         "MATRIX": Path,
-        "N": at_least(1),
+        "N": number(1),
         "SIZE": size_px,
         "SPEC": spec,
         "WORKERS": executor,
@@ -87,18 +86,18 @@ def add_options(
         group.add_argument(name, **settings)
 
 
-def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
-    """Return the type of an argument: a finite number of at least `minimum`."""
+def number(
+    low: float, high: float = 1e9, kind: type[int] | type[float] = int
+) -> Callable[[str], Any]:
+    """Return the type of an argument: a number from `low` to `high`."""
 
-    def number(text: str) -> int | float:
+    def parse(text: str) -> int | float:
         value = kind(text)
-        if not minimum <= value < math.inf:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a {'whole ' * (kind is int)}number of {minimum} or more"
-            )
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not from {low:g} to {high:g}")
         return value
 
-    return number
+    return parse
 
 
 def device(text: str) -> str:
@@ -112,9 +111,7 @@ def executor(text: str) -> dict[str, Any]:
     """Return the table of an executor for a number of processes or the address of a scheduler."""
     if ":" in text:
         return {"name": "dask", "address": text}
-    return (
-        {"name": "serial"} if text == "1" else {"name": "processes", "workers": at_least(1)(text)}
-    )
+    return {"name": "serial"} if text == "1" else {"name": "processes", "workers": number(1)(text)}
 
 
 def spec(text: str) -> dict[str, Any] | str:
@@ -130,5 +127,5 @@ def spec(text: str) -> dict[str, Any] | str:
 def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
     width, _, height = text.partition("x")
-    side_px = at_least(1)
+    side_px = number(1)
     return side_px(width), side_px(height or width)

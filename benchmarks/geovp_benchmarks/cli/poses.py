@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, at_least, option
+from geovp_benchmarks.cli.options import Lines, Progress, add_options, number, option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--clips N": option(
             "Print median errors of clips of N frames; odometries that work on clips only, such as "
             "`recorded`, need it. Default: track whole sequences.",
-            type=at_least(3),
+            type=number(3),
         ),
     }
     add_options(parser, odometry, "odometry")

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from geovp_benchmarks.cli.messages import logger
-from geovp_benchmarks.cli.options import Lines, add_options, at_least, option, shared
+from geovp_benchmarks.cli.options import Lines, add_options, number, option, shared
 from geovp_benchmarks.progress import Progress, announce
 
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "Number of the first observed frame. Default: the latest possible.", type=int
         ),
         "--past N": option(
-            "Number of observed frames. Default: 10.", 10, dest="num_past", type=at_least(2)
+            "Number of observed frames. Default: 10.", 10, dest="num_past", type=number(2)
         ),
         "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
         "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
@@ -70,7 +70,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
         "--fov X": option(
             "Horizontal field of view in degrees. Default: estimated from the motion.",
             dest="fov_deg",
-            type=at_least(1, float),
+            type=number(1, kind=float),
         ),
         "--calibration FILE": "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file.",
     }

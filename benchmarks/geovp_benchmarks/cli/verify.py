@@ -9,7 +9,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option, shared
+from geovp_benchmarks.cli.options import LinesAndCode, add_options, number, option, shared
 from geovp_benchmarks.progress import Progress, tracked
 
 
@@ -19,11 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sample = {
         **shared("--root"),
         "--pairs N": option("Number of (method, clip) pairs of each data set. Default: 8.", 8),
-        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=at_least(0)),
+        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=number(0)),
         "--tolerance X": option(
             "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
             1e-4,
-            type=at_least(0, float),
+            type=number(0, kind=float),
         ),
     }
     add_options(parser, sample, "sample")

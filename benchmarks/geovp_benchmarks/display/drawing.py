@@ -6,10 +6,18 @@ import cv2
 import numpy as np
 
 from geovp_benchmarks.plots.video import labelled
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
+from geovp_classic.streaming import LiveView
+from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 PATH_RGB = (64, 220, 120)
 WARNING_RGB = (200, 30, 30)
+
+
+def draw_view(view: LiveView, is_dimming: bool) -> ByteArray:
+    """Return the frame of a view [H, W, 3] with its path, and darker inpainted pixels if asked."""
+    brightness = np.where(view.covered, 1.0, 0.4)[..., None] if is_dimming else 1.0
+    frame = (view.frame * brightness).astype(np.uint8)
+    return draw_path(frame, view.path_px, view.path_sides_px)
 
 
 def draw_path(
@@ -30,12 +38,6 @@ def draw_path(
     drawn = cv2.addWeighted(area, opacity, frame, 1 - opacity, 0)
     line = np.clip(path_px[is_ahead], -limit_px, limit_px)
     return cv2.polylines(drawn, [_pixels(line)], False, PATH_RGB, 2, cv2.LINE_AA)
-
-
-def dim_inpainted(frame: ByteArray, covered: BoolArray, brightness: float = 0.4) -> ByteArray:
-    """Return the frame [H, W, 3] with darker inpainted pixels."""
-    factor = np.where(covered, 1.0, brightness)[..., None]
-    return (frame * factor).astype(np.uint8)
 
 
 def draw_warning(frame: ByteArray, warning: str) -> ByteArray:

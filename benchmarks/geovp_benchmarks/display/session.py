@@ -3,19 +3,19 @@
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_benchmarks.display import drawing
 from geovp_benchmarks.display.channel import Channel, InFlight, Sent
-from geovp_benchmarks.display.commands import Commands, Driver
+from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.source import Source
 from geovp_classic.errors import Incompatible
-from geovp_classic.streaming import LivePredictor, LiveView
+from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray
 
 TICK_S = 0.04  # between two views of a driver
@@ -36,17 +36,21 @@ class Shown:
 class Session:
     """The state of a display: images on their way, the predictor, and how its views are drawn."""
 
-    def __init__(self, source: Source, channel: Channel, commands: Commands) -> None:
-        """Check the source and the commands.
-
-        Raise Incompatible for commands without the camera's height.
-        """
+    def __init__(
+        self,
+        source: Source,
+        channel: Channel,
+        planned: Sequence[Command] = (),  # with the times of the recording
+        driver: Driver | None = None,
+    ) -> None:
+        """Check the source; raise Incompatible for commands without the camera's height."""
         self.source = source
         self.channel = channel
-        self.commands = commands
+        self.planned = planned
+        self.driver = driver
         self.is_dimming = False  # of inpainted pixels
         height_m = source.recording.camera_height_m
-        if height_m is None and (isinstance(commands, Driver) or commands.at(0.0)):
+        if height_m is None and (planned or driver is not None):
             raise Incompatible(
                 "commands are in metres, but the scale is unknown: give --camera-height"
             )
@@ -77,43 +81,27 @@ class Session:
 
     def draw_present(self, now_s: float, true: ByteArray | None) -> Shown:
         """Predict the present and draw it next to the late image and the true present."""
-        late = self._late
+        commands = self.planned if self.driver is None else self.driver.at(now_s)
+        warning: str | None = "no image has arrived since the start"
+        confidence, late = 0.0, self._late
         if late is None:
-            black = np.zeros((*self.source.size_px[::-1], 3), np.uint8)
-            return self._shown(black, true, None, "no image has arrived yet")
-        age_s = now_s - late.time_s
-        try:
-            view = self.live.view(now_s, self.commands.at(now_s))
-        except Incompatible:  # while a push restarts
-            return self._shown(late.frame, true, age_s, "the images were interrupted: restarting")
-        warning = view.warning
-        if warning is None and min(age_s, view.age_s) < 0:
-            warning = "the clock jumped: the newest image is from the future"
-        return self._shown(late.frame, true, age_s, warning, view)
-
-    def _draw(self, view: LiveView) -> ByteArray:
-        frame = view.frame
-        if self.is_dimming:
-            frame = drawing.dim_inpainted(frame, view.covered)
-        return drawing.draw_path(frame, view.path_px, view.path_sides_px)
-
-    def _shown(
-        self,
-        late: ByteArray,
-        true: ByteArray | None,
-        age_s: float | None,
-        warning: str | None,
-        view: LiveView | None = None,
-    ) -> Shown:
-        age = "" if age_s is None else f", {age_s:.2f} s old"
-        panels, confidence = {f"late image{age}": late}, 0.0
+            panels = {"late image": np.zeros((*self.source.size_px[::-1], 3), np.uint8)}
+        else:
+            panels = {f"late image, {now_s - late.time_s:.2f} s old": late.frame}
+        with suppress(Incompatible):  # before the first image, and while a push restarts
+            view = self.live.view(now_s, commands)
+            warning = view.warning
+            if warning is None and view.age_s < 0:
+                warning = "the clock jumped: the newest image is from the future"
+            if warning is None:
+                confidence = view.confidence
+                panels["predicted present"] = drawing.draw_view(view, self.is_dimming)
         if warning is not None:
-            panels["late image, not predicted"] = drawing.draw_warning(late, warning)
-        elif view is not None:
-            panels["predicted present"] = self._draw(view)
-            confidence = view.confidence
+            (frame,) = panels.values()
+            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
         if true is not None:
             panels["true present"] = true
+        age_s = None if late is None else now_s - late.time_s
         return Shown(panels, warning, age_s, confidence, self.is_dimming)
 
     def _restart(self) -> None:
@@ -129,7 +117,7 @@ class Session:
     def _replay(self, publish: Publish, stop: threading.Event) -> None:
         """Replay a recording once, with a view of each frame, or more often for a driver."""
         times_s, due_s = self.source.times_s, self.source.due_s()
-        is_driven = isinstance(self.commands, Driver)
+        is_driven = self.driver is not None
         step = -1
         while not stop.is_set():
             elapsed_s = self._elapsed_s()
