@@ -5,18 +5,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import Progress, add_options, shared
+from geovp_benchmarks.cli.options import Progress, shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.types import PrivilegedInput
 from studies._figures import panels
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the method, the clips and the figure."""
-    add_options(parser, shared("matrix", "--method", "--root", "--limit", "--set"))
-    add_options(parser, {"figure FILE": "File of the figure: png, pdf or svg."})
+ARGUMENTS = {
+    "": {
+        **shared("matrix", "--method", "--root", "--limit", "--set"),
+        "figure FILE": "File of the figure: png, pdf or svg.",
+    }
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import add_options, option
+from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -21,9 +21,8 @@ from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Traject
 NUM_PAST = 10
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the number of clips and the depth source."""
-    options = {
+ARGUMENTS = {
+    "": {
         "clips N": option("Number of clips. Default: 8.", 8, nargs="?"),
         "--source SPEC": option(
             "Name or TOML table of a component, see `geovp list depth_sources`. "
@@ -31,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "multiview",
         ),
     }
-    add_options(parser, options)
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

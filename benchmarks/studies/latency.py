@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.cli.options import add_options, option
+from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.display.channel import Channel, InFlight
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.tables.formats import grid
@@ -52,23 +52,20 @@ class CommandErrors:
     yaw_rate_rad_s: float = 0.01
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the drives, the metrics and the figure."""
-    stretches = ("03[0:180)", "raw0095")  # train and val
-    metrics = ("psnr", "ssim", "lpips")
-    options = {
+ARGUMENTS = {
+    "": {
         "root FOLDER": "Folder laid out as KITTI odometry.",
         "frames FRAMES": option(
-            f"Sequences or stretches of them. Default: {' '.join(stretches)}.",
-            stretches,
+            "Sequences or stretches of them. Default: 03[0:180) raw0095.",  # train and val
+            ["03[0:180)", "raw0095"],
             nargs="*",
         ),
         "--num-frames N": option("Frames of a drive, at least 39. Default: 90.", 90),
         "--every N": option("Frames between two scored ones. Default: 5.", 5),
-        "--metrics NAME": option("Default: psnr ssim lpips.", metrics, nargs="+"),
+        "--metrics NAME...": option("Default: psnr ssim lpips.", ["psnr", "ssim", "lpips"]),
         "--plot FILE": "File for curves: png, pdf or svg.",
     }
-    add_options(parser, options)
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -184,7 +184,7 @@ class TestCheck:
 
 @pytest.mark.parametrize(
     ("words", "names"),
-    [([], cli.COMMANDS), (["forecast"], ("evaluate",))],
+    [([], cli.COMMANDS), (["forecast"], ("--sequences",))],
 )
 def test_help_names_everything_and_imports_nothing_heavy(
     words: list[str], names: tuple[str, ...]

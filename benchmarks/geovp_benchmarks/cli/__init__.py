@@ -1,8 +1,8 @@
 """Command line `geovp COMMAND ...`, with one module per command.
 
-A module exposes `add_arguments(parser)` and `run(args, progress)`, which yields the lines to print
-and returns the exit code. Its docstring is the help of the command; the part below "Examples:" is
-printed after the options.
+A module exposes ARGUMENTS, as `add_groups` takes them, and `run(args, progress)`, which yields the
+lines to print and returns the exit code. Its docstring is the help of the command; the part below
+"Examples:" is printed after the options.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from geovp_benchmarks.cli.messages import logger, messages
+from geovp_benchmarks.cli.options import add_groups
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError, install_command
 
@@ -81,7 +82,7 @@ def add_command(commands: Any, name: str, module: ModuleType) -> None:
         epilog=f"examples:\n{examples}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(command)
+    add_groups(command, module.ARGUMENTS)
     command.set_defaults(run=module.run, command=name)
 
 

@@ -11,19 +11,16 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
+from geovp_benchmarks.cli.options import Lines, Progress, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the method, the clips and what is replaced."""
-    add_options(parser, shared("matrix"))
-    clips = shared("--method", "--root", "--limit", "--set")
-    add_options(parser, clips, "method and clips")
-    budget = {
+ARGUMENTS = {
+    "": shared("matrix"),
+    "method and clips": shared("--method", "--root", "--limit", "--set"),
+    "budget": {
         "--stereo": "Use the depth of right images where no depth is recorded.",
         "--sensitivity": "Print the changes by constant offsets of the true poses.",
-    }
-    add_options(parser, budget, "budget")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

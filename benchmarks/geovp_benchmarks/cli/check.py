@@ -7,16 +7,14 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options
+from geovp_benchmarks.cli.options import LinesAndCode, Progress
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the component."""
-    component = {
+ARGUMENTS = {
+    "": {
         "role ROLE": "Role, such as renderers; see `geovp list`.",
         "component SPEC": "Name of a component, or its table as in TOML.",
     }
-    add_options(parser, component)
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

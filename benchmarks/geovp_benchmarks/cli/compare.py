@@ -10,13 +10,10 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options
+from geovp_benchmarks.cli.options import Lines, Progress
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add both sides."""
-    text = "Results folder, or DIR:METHOD for one method."
-    add_options(parser, {"a A": text, "b B": text})
+SIDE = "Results folder, or DIR:METHOD for one method."
+ARGUMENTS = {"": {"a A": SIDE, "b B": SIDE}}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -16,19 +16,17 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.options import Lines, add_options, number, option
-from geovp_benchmarks.cli.predict import add_camera
+from geovp_benchmarks.cli.options import Lines, option
+from geovp_benchmarks.cli.predict import CAMERA
 from geovp_benchmarks.progress import Progress, tracked
 
 if TYPE_CHECKING:
     from geovp_benchmarks.display.session import Session
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the input, the camera, the channel, the commands and the output."""
-    text = "Video, folder of images, data set, bag, or the number of a camera."
-    add_options(parser, {"path INPUT": option(text, type=Path)})
-    images = {
+ARGUMENTS = {
+    "": {"path INPUT": "Video, folder of images, data set, bag, or the number of a camera."},
+    "input": {
         "--fps X": option(
             "Frame rate; required for a folder of images. Default: that of the video.",
             dest="rate_hz",
@@ -40,47 +38,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "WIDTHxHEIGHT, or side of a square. Default: aspect of the images, at most 480 px.",
             dest="size_px",
         ),
-    }
-    add_options(parser, images, "input")
-    add_camera(parser)
-    delay_s = number(0, 10, float)
-    channel = {
+    },
+    **CAMERA,
+    "simulated channel": {
         "--latency S": option(
-            "Delay of each image, 0 to 10 s. Default: 0.5.", 0.5, dest="latency_s", type=delay_s
+            "Delay of each image, 0 to 10 s. Default: 0.5.", 0.5, dest="latency_s"
         ),
         "--jitter S": option(
             "Largest additional delay, 0 to 10 s, uniformly distributed. Default: 0.",
             0.0,
             dest="jitter_s",
-            type=delay_s,
         ),
-        "--loss P": option(
-            "Probability that an image is lost. Default: 0.", 0.0, type=number(0, 1, float)
+        "--loss P": option("Probability that an image is lost. Default: 0.", 0.0),
+    },
+    "motion, at most one of": {
+        "--commands FILE": (
+            "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s. Default: forecast."
         ),
-    }
-    add_options(parser, channel, "simulated channel")
-    group = parser.add_argument_group("motion", "By default, the motion is forecast.")
-    motion = {
-        "--commands FILE": "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s.",
-        "--drive": "Set speed and yaw rate on the page.",
-    }
-    add_options(group.add_mutually_exclusive_group(), motion)
-    page = {
+        "--drive": "Set speed and yaw rate on the page. Default: forecast the motion.",
+    },
+    "page": {
         "--host ADDRESS": option(
             "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1.",
             "127.0.0.1",
         ),
-        "--port PORT": option("Port; 0: any free one. Default: 8765.", 8765, type=number(0)),
+        "--port NUMBER": option("Port; 0: any free one. Default: 8765.", 8765),
         "--token TEXT": (
             "Secret part of the page's address, to keep it over restarts. Default: random."
         ),
-    }
-    add_options(parser, page, "page")
-    output = {
+    },
+    "output": {
         "--dim": "Dim inpainted pixels; the page can change it.",
         "--out FILE": "Write an mp4 file, and serve no page.",
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -15,21 +15,22 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options
+from geovp_benchmarks.cli.options import LinesAndCode
 from geovp_benchmarks.progress import Progress, tracked
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the folder and how much of it is read."""
-    text = "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
-    add_options(parser, {"root FOLDER": text})
-    datasets = {
+ARGUMENTS = {
+    "": {
+        "root FOLDER": (
+            "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
+        )
+    },
+    "data sets": {
         "--deep": "Decode all images. Default: check names and headers.",
         "--protocol NAME": (
             "Only name the KITTI archives that this protocol needs; see `geovp list protocols`."
         ),
-    }
-    add_options(parser, datasets, "data sets")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

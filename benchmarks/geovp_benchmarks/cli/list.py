@@ -23,17 +23,18 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option
+from geovp_benchmarks.cli.options import Lines, Progress, option
 from geovp_classic.errors import GeovpError, UnknownComponent
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the role or component."""
-    text = (
-        "Role such as renderers, name of a component, `matrices` or `protocols`. "
-        "Default: all roles."
-    )
-    add_options(parser, {"name ROLE|NAME|matrices|protocols": option(text, nargs="?")})
+ARGUMENTS = {
+    "": {
+        "name NAME": option(
+            "Role such as renderers, name of a component, `matrices` or `protocols`. "
+            "Default: all roles.",
+            nargs="?",
+        )
+    }
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

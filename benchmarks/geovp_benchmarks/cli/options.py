@@ -48,26 +48,39 @@ SHARED: dict[str, Any] = {
 
 def shared(*names: str) -> dict[str, Any]:
     """Return arguments that several commands share."""
-    spellings = {spelling.partition(" ")[0]: spelling for spelling in SHARED}
-    return {spellings[name]: SHARED[spellings[name]] for name in names}
+    return {key: value for key, value in SHARED.items() if key.partition(" ")[0] in names}
 
 
-def add_options(
-    parser: argparse._ActionsContainer, options: Mapping[str, Any], title: str = ""
-) -> None:
-    """Add arguments, in a group if there is a title.
+SELECTION = shared("--methods", "--metrics", "--by", "--against")
+
+
+def add_groups(parser: argparse.ArgumentParser, groups: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add arguments by the titles of their groups; a title may end in "at most one of"."""
+    for title, options in groups.items():
+        group = parser.add_argument_group(title) if title else parser
+        if title.endswith("at most one of"):
+            group = group.add_mutually_exclusive_group()
+        add_options(group, options)
+
+
+def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -> None:
+    """Add arguments.
 
     The key is the name with a metavar, from which the type follows; METHOD... takes several values,
-    and an option without a metavar none. The value is the help, or the result of `option`.
+    A|B one of two, and an option without a metavar none. The value is the help, or the result of
+    `option`.
     """
-    group = parser.add_argument_group(title) if title else parser
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
         "FILE": Path,
         "FOLDER": Path,
+        "INPUT": Path,
         "MATRIX": Path,
         "N": number(1),
+        "NUMBER": number(0),
+        "P": number(0, 1, float),
+        "S": number(0, 10, float),
         "SIZE": size_px,
         "SPEC": spec,
         "WORKERS": executor,
@@ -78,7 +91,9 @@ def add_options(
         settings = option(about) if isinstance(about, str) else about
         if metavar.endswith("..."):
             metavar = metavar.removesuffix("...")
-            settings = {**settings, "default": (), "nargs": "+"}
+            settings = {"nargs": "+", **settings, "default": settings["default"] or ()}
+        if "|" in metavar:
+            settings = {"choices": metavar.split("|"), **settings}
         if metavar:
             settings = {"type": types.get(metavar, str), "metavar": metavar, **settings}
         else:

@@ -11,22 +11,7 @@ Examples:
 import argparse
 import re
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, what is shown of them, and the files."""
-    add_options(parser, shared("folder"))
-    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
-    formats = ("pdf", "svg", "png")
-    output = {
-        "--format FORMAT": option("pdf, svg or png. Default: png and svg.", choices=formats),
-        "--width LENGTH": option(
-            "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles.",
-            type=length_in,
-        ),
-    }
-    add_options(parser, output, "output")
+from geovp_benchmarks.cli.options import SELECTION, Lines, Progress, option, shared
 
 
 def length_in(text: str) -> float:
@@ -39,6 +24,19 @@ def length_in(text: str) -> float:
     if length < 2.5:
         raise argparse.ArgumentTypeError(f"{text} is too narrow for labels: give 2.5in or more")
     return length
+
+
+ARGUMENTS = {
+    "": shared("folder"),
+    "selection": SELECTION,
+    "output": {
+        "--format pdf|svg|png": "Format. Default: png and svg.",
+        "--width LENGTH": option(
+            "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles.",
+            type=length_in,
+        ),
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

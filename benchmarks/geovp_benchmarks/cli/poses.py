@@ -13,19 +13,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, number, option
+from geovp_benchmarks.cli.options import Lines, Progress, number, option
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the frames, the odometry and the output."""
-    where = {
+ARGUMENTS = {
+    "": {
         "root SPEC": (
             'Folder of a data set, ROS bag, or its table as in TOML: {root = "...", camera = 0}.'
         ),
         "frames FRAMES...": "Sequences or parts of them, such as 03 or 03[0:360).",
-    }
-    add_options(parser, where)
-    odometry = {
+    },
+    "odometry": {
         "--odometry SPEC": option(
             "Name or TOML table of a component, see `geovp list odometries`. Default: monocular.",
             "monocular",
@@ -35,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "`recorded`, need it. Default: track whole sequences.",
             type=number(3),
         ),
-    }
-    add_options(parser, odometry, "odometry")
-    folder = Path("results/poses")
-    output = {"--out DIR": option(f"Folder for the results. Default: {folder}.", folder)}
-    add_options(parser, output, "output")
+    },
+    "output": {
+        "--out DIR": option("Folder for the results. Default: results/poses.", "results/poses")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -8,13 +8,9 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, Progress, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results and what is shown of them."""
-    add_options(parser, shared("folder"))
-    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
+ARGUMENTS = {"": shared("folder"), "selection": SELECTION}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:

@@ -9,17 +9,17 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options, shared
+from geovp_benchmarks.cli.options import LinesAndCode, Progress, shared
 from geovp_classic.errors import BadData
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, the metrics and the output."""
-    add_options(parser, shared("folder"))
-    matrix = {"--matrix MATRIX": "Matrix with the metrics. Default: those of the results."}
-    add_options(parser, matrix | shared("--device"), "metrics")
-    folder = {"--out DIR": "Folder for the results. Default: DIR-rescored."}
-    add_options(parser, folder, "output")
+ARGUMENTS = {
+    "": shared("folder"),
+    "metrics": {
+        "--matrix MATRIX": "Matrix with the metrics. Default: those of the results.",
+        **shared("--device"),
+    },
+    "output": {"--out DIR": "Folder for the results. Default: DIR-rescored."},
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:

@@ -9,24 +9,22 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, number, option, shared
+from geovp_benchmarks.cli.options import LinesAndCode, number, option, shared
 from geovp_benchmarks.progress import Progress, tracked
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, the sample and the tolerance."""
-    add_options(parser, shared("folder"))
-    sample = {
+ARGUMENTS = {
+    "": shared("folder"),
+    "sample": {
         **shared("--root"),
         "--pairs N": option("Number of (method, clip) pairs of each data set. Default: 8.", 8),
-        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=number(0)),
+        "--seed NUMBER": option("Random seed of the sample. Default: 0.", 0),
         "--tolerance X": option(
             "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
             1e-4,
             type=number(0, kind=float),
         ),
-    }
-    add_options(parser, sample, "sample")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
