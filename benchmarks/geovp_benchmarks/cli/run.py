@@ -18,29 +18,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, shared
+from geovp_benchmarks.cli.options import LinesAndCode, shared
 from geovp_benchmarks.progress import Progress, announce
 
 if TYPE_CHECKING:
+    from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the matrix, its changes, and how it is computed."""
-    add_options(parser, shared("matrix"))
-    add_options(parser, shared("--root", "--limit", "--methods", "--set"), "matrix")
-    execution = {
+ARGUMENTS = {
+    "": shared("matrix"),
+    "matrix": {
+        **shared("--root", "--limit", "--methods", "--set"),
+        "--samples N": "Largest number of sampled futures. Default: those of the matrix.",
+    },
+    "execution": {
         **shared("--workers", "--device"),
         "--fresh": "Recompute results of other versions of the code.",
         "--dry-run": "Print what would be computed, with time and size, only.",
-    }
-    add_options(parser, execution, "execution")
-    output = {
+    },
+    "output": {
         **shared("--keep"),
         "--out DIR": "Folder for the results. Default: results/MATRIX.",
         "--no-report": "Write no plots and no report.",
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
 def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
@@ -54,14 +56,13 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.tables import formats, tables
     from geovp_classic import registry
 
+    content = files.read(args.matrix, args.set)
     matrices = {
-        label: matrix.select(*args.methods)
-        for label, matrix in multiple_datasets.parse(
-            *files.read(args.matrix, args.set), args.root
-        ).items()
+        label: with_max_samples(matrix.select(*args.methods), args.samples)
+        for label, matrix in multiple_datasets.parse(*content, args.root).items()
     }
     options = Options(args.limit, args.keep, args.fresh)
-    root = args.out or Path("results") / args.matrix.stem
+    root = folder(args)
     if args.dry_run:
         for label, matrix in matrices.items():
             num_workers = args.workers.get("workers", 1)
@@ -79,6 +80,27 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         formats.write_all(Results(root), [table])
         yield formats.markdown(table, terminal_width())
     return max(codes)
+
+
+def folder(args: argparse.Namespace) -> Path:
+    """Return the folder for the results."""
+    return args.out or Path("results") / args.matrix.stem
+
+
+def with_max_samples(matrix: Matrix, max_samples: int | None) -> Matrix:
+    """Return the matrix with at most this many samples of each method, if a number is given."""
+    if max_samples is None:
+        return matrix
+    entries = {
+        role: {
+            name: entry.model_copy(
+                update={"num_samples": min(max_samples, entry.num_samples or matrix.num_samples)}
+            )
+            for name, entry in getattr(matrix, role).items()
+        }
+        for role in ("pose_sources", "predictors")
+    }
+    return matrix.model_copy(update=entries)
 
 
 def conclude(
