@@ -12,8 +12,8 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import metadata
 from types import ModuleType
 from typing import Any
@@ -97,7 +97,8 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
     args, rest = verbosity().parse_known_args(words)
     parser.parse_args(rest, args)
     args.words = rest
-    with messages(args.quiet, args.verbose), sigterm_as_interrupt():
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with messages(args.quiet, args.verbose):
         try:
             return print_lines(args)
         except GeovpError as error:
@@ -123,6 +124,8 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
             return 2
+        finally:
+            signal.signal(signal.SIGTERM, previous)
 
 
 def print_lines(args: argparse.Namespace) -> int:
@@ -150,17 +153,3 @@ def open_closed_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # file names may lack a character of the terminal
             stream.reconfigure(errors="backslashreplace")
-
-
-@contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGTERM; restore the handler afterwards."""
-    try:
-        previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    except ValueError:  # not the main thread
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)

@@ -11,7 +11,6 @@ Examples:
 
 import argparse
 import contextlib
-import secrets
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,6 +75,8 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace, progress: Progress) -> Lines:
     """Print the address of the page and serve it until interrupted, or write a video."""
+    import secrets
+
     from geovp_benchmarks.display.channel import Channel
     from geovp_benchmarks.display.commands import Driver, read_commands
     from geovp_benchmarks.display.server import Server
@@ -86,9 +87,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     if args.out is not None and args.drive:
         raise BadData("--out writes a video without a page to drive at: remove --drive")
-    names = ("path", "rate_hz", "size_px", "intrinsics", "fov_deg", "calibration", "distortion")
-    given = {name: getattr(args, name) for name in (*names, "camera_height_m")}
-    source = Source.open(PredictionRequest(**given), args.sequence)
+    source = Source.open(PredictionRequest(**vars(args)), args.sequence)
     channel = Channel(args.latency_s, args.jitter_s, args.loss)
     planned = [] if args.commands is None else read_commands(args.commands)
     session = Session(source, channel, planned, Driver() if args.drive else None)

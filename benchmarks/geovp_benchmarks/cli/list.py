@@ -16,6 +16,7 @@ import dataclasses
 import functools
 import importlib.util
 import inspect
+import itertools
 import json
 import re
 from contextlib import suppress
@@ -42,26 +43,25 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     from geovp_benchmarks.matrix import CONFIGS, protocols
     from geovp_classic import registry
 
+    names_of = {role: registry.names(role) for role in registry.ROLES}
+    roles = [role for role, names in names_of.items() if args.name in names]
     if args.name == "matrices":
         for path in sorted(CONFIGS.glob("*.toml")):
             comment, _, _ = path.read_text("utf-8").partition("\n\n")
             yield f"{path.stem}: {first_sentence(comment.replace('#', ''))}"
-        return
-    if args.name == "protocols":
+    elif args.name == "protocols":
         yield protocols.TABLES.read_text("utf-8")
-        return
-    if args.name is None or args.name in registry.ROLES:
-        for role in [args.name] if args.name else registry.ROLES:
+    elif args.name is None or args.name in names_of:
+        for role in [args.name] if args.name else names_of:
             yield role
             for entry in sorted(metadata.entry_points(group=f"geovp.{role}")):
                 yield f"  {summary(entry)}"
-        return
-    roles = [role for role in registry.ROLES if args.name in registry.names(role)]
-    if not roles:
-        names = [name for role in registry.ROLES for name in (role, *registry.names(role))]
-        nearest = registry.nearest(args.name, ["matrices", "protocols", *names])
+    elif roles:
+        yield "\n\n".join(as_toml(role, args.name) for role in roles)
+    else:
+        words = ["matrices", "protocols", *names_of, *itertools.chain(*names_of.values())]
+        nearest = registry.nearest(args.name, words)
         raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
-    yield "\n\n".join(as_toml(role, args.name) for role in roles)
 
 
 def summary(entry: metadata.EntryPoint) -> str:

@@ -9,7 +9,6 @@ Examples:
 """
 
 import argparse
-import dataclasses
 import sys
 from pathlib import Path
 
@@ -83,10 +82,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     if args.out is not None:
         exports.check_free(args.out)
-    names = [field.name for field in dataclasses.fields(PredictionRequest)]
-    request = PredictionRequest(**{name: getattr(args, name) for name in names})
     progress(0, 6)
-    predicted = prediction.predict(request)
+    predicted = prediction.predict(PredictionRequest(**vars(args)))
     announce("writing files", 1)
     name = f"{args.path.resolve().stem}-{predicted.first:06d}"
     folder = args.out or Path("results/predict", name)

@@ -38,8 +38,9 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     results = Results(args.folder)
     matrix = schema.read(args.matrix) if args.matrix else None
     with on_device(args.device or (matrix.device if matrix else None)):
-        metrics = stored_metrics(results)
-        if matrix is not None:
+        if matrix is None:
+            metrics = stored_metrics(results)
+        else:
             size_px = results.protocol()["size_px"]
             metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
     methods = rescore(results, output, metrics, progress)

@@ -51,7 +51,7 @@ def find_camera(
             focal_px, source, interval_px = _focal_length(recording, num_observed, request.fov_deg)
             numbers = (focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2)
         intrinsics = Intrinsics(*numbers, width_px, height_px)
-        lens = DistortedCamera(intrinsics, "FULL_OPENCV", tuple(request.distortion or ()))
+        lens = DistortedCamera(intrinsics, "FULL_OPENCV", request.distortion)
     view = common_pinhole([lens], request.calibration or request.path)
     frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
     camera = Camera(view, source, lens.distortion, interval_px)
