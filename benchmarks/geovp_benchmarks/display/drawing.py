@@ -44,17 +44,14 @@ def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
     drawn = np.ascontiguousarray(frame).copy()
     height_px, width_px = drawn.shape[:2]
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.35, min(1.0, height_px / 400))
-    text = f"WARNING: {warning}"
-    (text_px, line_px), _ = cv2.getTextSize(text, font, scale, 1)
-    characters = int((width_px - 20) * len(text) / text_px)
-    lines = textwrap.wrap(text, max(8, characters))
-    step_px = line_px + 6
+    scale = max(0.35, min(1.0, height_px / 400))
+    lines = textwrap.wrap(f"WARNING: {warning}", int(width_px / (20 * scale)))  # 20 px a letter
+    step_px = int(28 * scale)
     bottom_px = step_px * len(lines) + 4
     cv2.rectangle(drawn, (0, 0), (width_px - 1, bottom_px), WARNING_RGB, cv2.FILLED)
     cv2.rectangle(drawn, (0, 0), (width_px - 1, height_px - 1), WARNING_RGB, 4)
     for number, line in enumerate(lines, 1):
-        corner_px = (6, step_px * number - 2)
+        corner_px, font = (6, step_px * number - 2), cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(drawn, line, corner_px, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
 

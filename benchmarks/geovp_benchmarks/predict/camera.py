@@ -10,6 +10,7 @@ from geovp_classic.data.calibration_files import exif_focal_px, read_camera
 from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import FocalLengthEstimator
 from geovp_classic.types import ByteArray, Intrinsics
@@ -38,6 +39,8 @@ def find_camera(
     request: PredictionRequest,
 ) -> tuple[Camera, Recording]:
     """Return the camera from the best available source, and the images without distortion."""
+    if request.distortion and not (request.intrinsics or request.fov_deg):
+        raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     source, interval_px = "given", None
     if request.calibration is not None:

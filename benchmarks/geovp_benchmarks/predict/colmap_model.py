@@ -21,29 +21,24 @@ def build_model(
     image's corner, ours at the first pixel's centre: they are 0.5 larger.
     """
     from geovp_classic.colmap_library import pycolmap
+    from geovp_classic.odometry.bundle import reconstruction
 
     points, colours = _cloud(views, world_from_cam, camera)
-    model = pycolmap.Reconstruction()
+    cam_from_world = se3.inverse(world_from_cam)
+    pixels = np.full((len(names), len(points), 2), np.nan)
+    for number, pose in enumerate(cam_from_world[: len(views.depths)]):
+        projected, depth = pinhole.project(se3.transform(pose, points), camera)
+        shown = np.where(views.covered[number], views.depths[number], 0.0)
+        visible = _visible(projected, depth, shown)
+        pixels[number, visible] = projected[visible] + 0.5
     params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]
     size = {"width": camera.width_px, "height": camera.height_px}
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(camera_id=1, model="PINHOLE", params=params, **size)
-    )
-    tracks = [pycolmap.Track() for _ in points]
-    for number, (name, pose) in enumerate(zip(names, se3.inverse(world_from_cam), strict=True)):
-        pixels, depth = pinhole.project(se3.transform(pose, points), camera)
-        visible: IntArray = np.zeros(0, int)
-        if number < len(views.depths):
-            shown = np.where(views.covered[number], views.depths[number], 0.0)
-            visible = _visible(pixels, depth, shown)
-        for keypoint, point in enumerate(visible):
-            tracks[point].add_element(number + 1, keypoint)
-        image = pycolmap.Image(
-            name=name, keypoints=pixels[visible] + 0.5, camera_id=1, image_id=number + 1
-        )
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
-    for point, track, colour in zip(points, tracks, colours, strict=True):
-        model.add_point3D(point, track, colour)
+    pinhole_camera = pycolmap.Camera(camera_id=1, model="PINHOLE", params=params, **size)
+    model = reconstruction(cam_from_world, points, pixels, pinhole_camera)
+    for number, name in enumerate(names, 1):
+        model.image(number).name = name
+    for number, colour in enumerate(colours, 1):
+        model.point3D(number).color = colour
     return model
 
 

@@ -9,6 +9,7 @@ from pydantic.dataclasses import dataclass
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import build_method, on_device
 from geovp_classic import registry
+from geovp_classic.api import default_pose_source
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -55,8 +56,6 @@ class PredictionRequest:
                 "--method, --predictor, and --pose-source with --renderer exclude each other: keep "
                 "one of them"
             )
-        if self.distortion and not (self.intrinsics or self.fov_deg):
-            raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
         frames = {"frames": "full"} if self.with_full else {}
         with on_device(self.device), registry.defaults(**frames):
             predictor = self._build()
@@ -72,11 +71,9 @@ class PredictionRequest:
             return build_method(schema.read(self.matrix), self.method)
         if self.predictor is not None:
             return registry.build("predictors", self.predictor, "--predictor")
-        scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
-        chained = {"name": "chained", "odometry": {"name": "monocular", "scale": scale}}
-        refined = {"name": "refined", "source": chained, "refinements": ["registration"]}
+        pose_source = self.pose_source or default_pose_source(self.camera_height_m)
         return GeometricPredictor(
-            registry.build("pose_sources", self.pose_source or refined, "--pose-source"),
+            registry.build("pose_sources", pose_source, "--pose-source"),
             registry.build("renderers", self.renderer or "depth-fusion", "--renderer"),
         )
 
