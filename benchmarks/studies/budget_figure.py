@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import Progress, shared
+from geovp_benchmarks.cli.options import shared
 from geovp_benchmarks.evaluation.error_budget import error_budget, read_method
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.tables.formats import markdown
@@ -20,11 +20,11 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
     matrix = schema.read(args.matrix, args.set).with_root(args.root)
     method = read_method(matrix, args.method, args.limit, PrivilegedInput.NONE)
-    tables = error_budget(method, progress)
+    tables = error_budget(method)
     stages = [row.label for row in tables[0].methods]
     places = np.arange(len(stages))
     size_in = 3 * len(tables), 1 + 0.3 * len(stages)

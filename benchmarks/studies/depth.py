@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
@@ -33,13 +33,13 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield medians over clips by set of pixels."""
     street = {"name": "synthetic", "num_clips": args.clips, "num_frames": NUM_PAST + 1}
     dataset = registry.build("datasets", street)
     source = registry.build("depth_sources", args.source, "--source")
     measured: dict[str, list[FloatArray]] = {}
-    for number in tracked(range(len(dataset)), len(dataset), progress):
+    for number in tracked(range(len(dataset))):
         for pixels, measures in evaluate(source, dataset[number]).items():
             measured.setdefault(pixels, []).append(measures)
     lines = [["pixels", "clips", "abs rel", "< 1.25", "confidence"]]

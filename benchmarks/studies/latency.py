@@ -18,7 +18,7 @@ import numpy as np
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.display.channel import Channel, InFlight
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import planar, se3
@@ -68,7 +68,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield tables over the latency and over faults of the channel; draw the first metric."""
     spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
     shown, roads, warned = [], [], []
     channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
-    for index in tracked(range(len(dataset)), len(dataset), progress):
+    for index in tracked(range(len(dataset))):
         clip = dataset[index]
         for views, real, fraction in presents(clip, args.every):
             scores = [

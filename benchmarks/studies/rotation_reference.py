@@ -18,7 +18,6 @@ import pycolmap
 
 from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.evaluation.odometry import track_sequences
-from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
@@ -34,10 +33,10 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield the drift of the odometry and of the bundle adjustment."""
     data = {"name": "kitti", "root": args.root}
-    stretch, path = next(track_sequences(data, [args.frames], {"name": "monocular"}, progress))
+    stretch, path = next(track_sequences(data, [args.frames], {"name": "monocular"}))
     dataset = {**data, "sequences": [args.frames], "num_frames": 2}
     recording = registry.build("datasets", dataset).recordings[stretch.sequence]
     numbers = range(len(recording.frames))[stretch.first : stretch.last]

@@ -1,6 +1,6 @@
 """Command line `geovp COMMAND ...`, with one module per command.
 
-A module exposes ARGUMENTS, as `add_groups` takes them, and `run(args, progress)`, which yields the
+A module exposes ARGUMENTS, as `add_groups` takes them, and `run(args)`, which yields the
 lines to print and returns the exit code. Its docstring is the help of the command; the part below
 "Examples:" is printed after the options.
 """
@@ -132,8 +132,8 @@ def print_lines(args: argparse.Namespace) -> int:
     """Print the lines of a command as they are ready, and return its exit code."""
     from tqdm import tqdm
 
-    with progress_bar(args.command) as progress:
-        lines = args.run(args, progress)
+    with progress_bar(args.command):
+        lines = args.run(args)
         while True:
             try:
                 tqdm.write(next(lines))  # above the bar

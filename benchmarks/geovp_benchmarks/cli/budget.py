@@ -11,7 +11,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, shared
+from geovp_benchmarks.cli.options import Lines, shared
 
 ARGUMENTS = {
     "": shared("matrix"),
@@ -23,7 +23,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print the tables."""
     from geovp_benchmarks.evaluation import error_budget
     from geovp_benchmarks.matrix import schema
@@ -34,4 +34,4 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
-    yield from map(markdown, measure(method, progress))
+    yield from map(markdown, measure(method))

@@ -7,7 +7,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress
+from geovp_benchmarks.cli.options import LinesAndCode
 
 ARGUMENTS = {
     "": {
@@ -17,7 +17,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the tests that pass and those that fail."""
     from geovp_benchmarks.audit import contracts
     from geovp_classic import registry

@@ -10,13 +10,13 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import Lines, Progress
+from geovp_benchmarks.cli.options import Lines
 
 SIDE = "Results folder, or DIR:METHOD for one method."
 ARGUMENTS = {"": {"a A": SIDE, "b B": SIDE}}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print what differs, and paired differences for each method."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.comparison import compare

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.options import Lines, option
 from geovp_benchmarks.cli.predict import CAMERA
-from geovp_benchmarks.progress import Progress, tracked
 
 if TYPE_CHECKING:
     from geovp_benchmarks.display.session import Session
@@ -73,7 +72,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print the address of the page and serve it until interrupted, or write a video."""
     import secrets
 
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     session = Session(source, channel, planned, Driver() if args.drive else None)
     session.is_dimming = args.dim
     if args.out is not None:
-        write_video(session, args.out, progress)
+        write_video(session, args.out)
         yield str(args.out)
         return
     with Server(session, args.host, args.port, args.token or secrets.token_urlsafe()) as server:
@@ -102,7 +101,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
             server.play(threading.Event())
 
 
-def write_video(session: "Session", path: Path, progress: Progress) -> None:
+def write_video(session: "Session", path: Path) -> None:
     """Write all views of a recording to an mp4 file."""
     import numpy as np
 
@@ -116,7 +115,6 @@ def write_video(session: "Session", path: Path, progress: Progress) -> None:
     if path.suffix != ".mp4":
         raise BadData(f"--out is {path}, expected a file name that ends in .mp4")
     times_s = session.source.times_s
-    views = tracked(session.render(), len(times_s), progress)
-    frames = (side_by_side(shown.panels) for shown in views)
+    frames = (side_by_side(shown.panels) for shown in session.render())
     with atomic_write(path) as scratch:
         video.write_mp4(scratch, frames, 1 / float(np.median(np.diff(times_s))))

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.cli.options import LinesAndCode
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 
 ARGUMENTS = {
     "": {
@@ -33,7 +33,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
     from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data import layouts
@@ -49,9 +49,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
-    diagnosis = Doctor().examine(
-        args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
-    )
+    diagnosis = Doctor().examine(args.root, deep=args.deep, watch=tracked)
     rows = [list(row.values()) for row in diagnosis.rows]
     yield from grid([list(diagnosis.rows[0]), *rows])
     yield ""

@@ -10,7 +10,7 @@ Examples:
 import argparse
 import errno
 
-from geovp_benchmarks.cli.options import Lines, Progress, option, shared
+from geovp_benchmarks.cli.options import Lines, option, shared
 
 ARGUMENTS = {
     "": shared("folder"),
@@ -21,7 +21,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write the file, and print its path."""
     import duckdb
     import numpy as np

@@ -10,7 +10,7 @@ Examples:
 import argparse
 
 from geovp_benchmarks.cli.options import Lines, option
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.progress import announce
 
 ARGUMENTS = {
     "": {"poses FOLDER": "Folder of pose files."},
@@ -30,7 +30,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
     from geovp_benchmarks.tables.formats import grid
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     table = {}
     for name, forecaster in forecasters.items():
         announce(name)
-        scores = forecasting.evaluate(windows, forecaster, progress)
+        scores = forecasting.evaluate(windows, forecaster)
         table[name] = forecasting.summary(scores)
     yield f"{len(windows)} windows of {', '.join(args.sequences)}\n"
     names = dict.fromkeys(name for means in table.values() for name in means)

@@ -24,7 +24,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, option
+from geovp_benchmarks.cli.options import Lines, option
 from geovp_classic.errors import GeovpError, UnknownComponent
 
 ARGUMENTS = {
@@ -38,7 +38,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print roles with their components, one component, the matrices or the protocols."""
     from geovp_benchmarks.matrix import CONFIGS, protocols
     from geovp_classic import registry

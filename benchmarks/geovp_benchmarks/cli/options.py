@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.matrix import DEVICE
-from geovp_benchmarks.progress import Progress as Progress
 
 Lines = Iterator[str]  # to print
 LinesAndCode = Generator[str, None, int]  # to print; returns the exit code

@@ -11,7 +11,7 @@ Examples:
 import argparse
 import re
 
-from geovp_benchmarks.cli.options import SELECTION, Lines, Progress, option, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
 
 
 def length_in(text: str) -> float:
@@ -39,7 +39,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write the figures, and print their paths."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.results.store import Results
@@ -47,5 +47,5 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     formats = (args.format,) if args.format else ()
     options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
     for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        for _, paths in plots.write_all(results, options, progress):
+        for _, paths in plots.write_all(results, options):
             yield from map(str, paths)

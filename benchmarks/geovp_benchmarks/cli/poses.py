@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, number, option
+from geovp_benchmarks.cli.options import Lines, number, option
 
 ARGUMENTS = {
     "": {
@@ -39,7 +39,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
@@ -49,12 +49,12 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
     if args.clips is not None:
         data = {"stride": 5, "size_px": [256, 256], **data}
-        for name, paths in track_clips(data, args.frames, args.odometry, args.clips, progress):
+        for name, paths in track_clips(data, args.frames, args.odometry, args.clips):
             is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
             yield f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked"
             yield from grid(error_table(paths))
         return
-    for frames, path in track_sequences(data, args.frames, args.odometry, progress):
+    for frames, path in track_sequences(data, args.frames, args.odometry):
         yield f"{frames}: {path.tracked.mean():.1%} of frames tracked"
         yield from grid(error_table([path]))
         stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"

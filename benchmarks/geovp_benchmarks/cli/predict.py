@@ -14,7 +14,7 @@ from pathlib import Path
 
 from geovp_benchmarks.cli.messages import logger
 from geovp_benchmarks.cli.options import Lines, number, option, shared
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.progress import announce, report
 
 CAMERA = {
     "camera, at most one of": {
@@ -74,7 +74,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Predict, write all files and print their paths."""
     from geovp_benchmarks.predict import exports, prediction
     from geovp_benchmarks.predict.request import PredictionRequest
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     if args.out is not None:
         exports.check_free(args.out)
-    progress(0, 6)
+    report(0, 6)
     predicted = prediction.predict(PredictionRequest(**vars(args)))
     announce("writing files", 1)
     name = f"{args.path.resolve().stem}-{predicted.first:06d}"

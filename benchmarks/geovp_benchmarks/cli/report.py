@@ -8,17 +8,17 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import SELECTION, Lines, Progress, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, shared
 
 ARGUMENTS = {"": shared("folder"), "selection": SELECTION}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write figures and report, and print the path of the report."""
     from geovp_benchmarks import plots, report
     from geovp_benchmarks.results.store import Results
 
     options = plots.Options(args.metrics, args.by, args.against)
     for results in Results(args.folder).select(*args.methods).by_dataset().values():
-        report.write(results, options, progress)
+        report.write(results, options)
         yield str(results.report)

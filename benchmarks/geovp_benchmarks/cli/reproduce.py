@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 from geovp_benchmarks.cli import run as run_command
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, option
+from geovp_benchmarks.cli.options import LinesAndCode, option
 
 ARGUMENTS = {
     **run_command.ARGUMENTS,
@@ -19,14 +19,14 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Run the matrix of a protocol, and print and write its tables."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats, published
 
     name = str(args.matrix)
     published.load(name)  # an unknown name is bad input
-    code = yield from run_command.run(args, progress)
+    code = yield from run_command.run(args)
     if not args.dry_run:
         results = Results(run_command.folder(args))
         tables = published.build(results, name)

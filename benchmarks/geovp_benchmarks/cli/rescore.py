@@ -9,7 +9,7 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, shared
+from geovp_benchmarks.cli.options import LinesAndCode, shared
 from geovp_classic.errors import BadData
 
 ARGUMENTS = {
@@ -22,7 +22,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Write a results folder of the kept clips, and print its table."""
     from geovp_benchmarks.cli.run import conclude
     from geovp_benchmarks.matrix import schema
@@ -43,5 +43,5 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         else:
             size_px = results.protocol()["size_px"]
             metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
-    methods = rescore(results, output, metrics, progress)
-    return (yield from conclude(output, methods))
+    rescore(results, output, metrics)
+    return (yield from conclude(output))

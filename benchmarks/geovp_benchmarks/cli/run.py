@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import logger, terminal_width
 from geovp_benchmarks.cli.options import LinesAndCode, shared
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.progress import announce
 
 if TYPE_CHECKING:
     from geovp_benchmarks.matrix.schema import Matrix
@@ -45,7 +45,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Compute all data sets in turn, and write and print their tables."""
     announce("starting")
     from geovp_benchmarks.matrix import files, multiple_datasets
@@ -73,8 +73,8 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     codes = []
     for label, matrix in matrices.items():
         results = Results(root / label)
-        methods = run_matrix(matrix.with_device(args.device), results, options, executor, progress)
-        codes.append((yield from conclude(results, methods, None if args.no_report else progress)))
+        run_matrix(matrix.with_device(args.device), results, options, executor)
+        codes.append((yield from conclude(results, has_report=not args.no_report)))
     if len(codes) > 1:
         table = tables.side_by_side(Results(root))
         formats.write_all(Results(root), [table])
@@ -103,19 +103,17 @@ def with_max_samples(matrix: Matrix, max_samples: int | None) -> Matrix:
     return matrix.model_copy(update=entries)
 
 
-def conclude(
-    results: Results, methods: Sequence[Method], progress: Progress | None = None
-) -> LinesAndCode:
-    """Write tables, and with a progress the report; yield the main table and return the code."""
+def conclude(results: Results, *, has_report: bool = False) -> LinesAndCode:
+    """Write tables, and a report if asked; yield the main table and return the code."""
     from geovp_benchmarks.tables import formats, tables
 
-    built = tables.build(results)
+    built, methods = tables.build(results), results.methods()
     formats.write_all(results, built)
     lines = [formats.markdown(built[0], terminal_width()), f"tables: {results.tables}"]
-    if progress is not None and any(method.num_clips for method in methods):
+    if has_report and any(method.num_clips for method in methods):
         from geovp_benchmarks import plots, report  # Matplotlib takes long to import
 
-        report.write(results, plots.Options(), progress)  # also if nobody reads the lines
+        report.write(results, plots.Options())  # also if nobody reads the lines
         lines += [f"plots:  {results.plots}", f"report: {results.report}"]
     yield from lines
     return exit_code(methods)

@@ -15,7 +15,7 @@ import shlex
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import SELECTION, Lines, Progress, option, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print the tables; write them if nothing was selected."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats

@@ -10,7 +10,7 @@ Examples:
 import argparse
 
 from geovp_benchmarks.cli.options import LinesAndCode, number, option, shared
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 
 ARGUMENTS = {
     "": shared("folder"),
@@ -27,7 +27,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print a line per pair; return 0 if all metrics of all pairs are reproduced."""
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         pairs += verification.sample(results, args.pairs, args.seed, args.root)
     good = 0
     unavailable: dict[str, str] = {}
-    for pair in tracked(pairs, len(pairs), progress):
+    for pair in tracked(pairs):
         verdict = verification.verify(pair, args.root)
         yield verdict.sentence(args.tolerance)
         good += verdict.reproduces(args.tolerance)

@@ -14,6 +14,7 @@ from geovp_benchmarks.display import drawing
 from geovp_benchmarks.display.channel import Channel, InFlight, Sent
 from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.source import Source
+from geovp_benchmarks.progress import tracked
 from geovp_classic.errors import Incompatible
 from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray
@@ -59,14 +60,13 @@ class Session:
 
     def render(self) -> Iterator[Shown]:
         """Yield a view of each frame of a recording, as fast as possible."""
-        for step, (time_s, now_s) in enumerate(
-            zip(self.source.times_s, self.source.due_s(), strict=True)
-        ):
+        times_s, due_s = self.source.times_s, self.source.due_s()
+        for step in tracked(range(len(times_s))):
             frame = self.source.read(step)
-            self._in_flight.send(step, frame, time_s, now_s)
-            for sent in self._in_flight.receive(now_s):
+            self._in_flight.send(step, frame, times_s[step], due_s[step])
+            for sent in self._in_flight.receive(due_s[step]):
                 self._push(sent)
-            yield self.draw_present(time_s, frame)
+            yield self.draw_present(times_s[step], frame)
 
     def run(self, publish: Publish, stop: threading.Event) -> None:
         """Show views on the wall clock until `stop` is set; a recording starts again at its end.

@@ -10,7 +10,7 @@ from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Score, Table
@@ -52,7 +52,6 @@ class Method:
         pairs: Pairs,
         levels: Mapping[str, Any],  # variants
         prepare: Callable[[Clip], Predict],
-        progress: Progress,
         notes: Iterable[str] = (),
     ) -> list[Table]:
         """Return the paired changes per metric, with the mean scores of `levels` in the title.
@@ -66,7 +65,7 @@ class Method:
         scores = np.full((len(variants), len(self.metrics), self.num_clips), np.nan)
         names: list[str] = []
         reasons = {}
-        for number in tracked(range(self.num_clips), self.num_clips, progress):
+        for number in tracked(range(self.num_clips)):
             clip = self.dataset[number]
             names.append(clip.name)
             predict = prepare(clip)
@@ -134,7 +133,7 @@ def read_method(
     return Method(label, predictor, matrix, dataset, num_clips, metrics.frame, unavailable)
 
 
-def error_budget(method: Method, progress: Progress) -> list[Table]:
+def error_budget(method: Method) -> list[Table]:
     """Return the changes of all metrics by stage.
 
     *Alone* replaces one stage of the forecast, *one by one* adds stages from top to bottom, so
@@ -158,12 +157,10 @@ def error_budget(method: Method, progress: Progress) -> list[Table]:
         }
     notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
     levels = {"forecast": nothing, "truth": everything}
-    return method.change_tables(
-        pairs, levels, lambda clip: method.with_truth(clip).frames, progress, notes
-    )
+    return method.change_tables(pairs, levels, lambda clip: method.with_truth(clip).frames, notes)
 
 
-def pose_sensitivity(method: Method, progress: Progress) -> list[Table]:
+def pose_sensitivity(method: Method) -> list[Table]:
     """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
     exact = (0.0,) * 6
     pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}
@@ -184,7 +181,7 @@ def pose_sensitivity(method: Method, progress: Progress) -> list[Table]:
         return view
 
     notes = ["a change is the mean of those by the offset and by its opposite"]
-    return method.change_tables(pairs, {"no offset": exact}, prepare, progress, notes)
+    return method.change_tables(pairs, {"no offset": exact}, prepare, notes)
 
 
 def offsets(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
@@ -57,11 +57,10 @@ def read_windows(
 def evaluate(
     windows: Sequence[Window],
     forecaster: Forecaster,
-    progress: Progress,
     regions: Sequence[float] = (0.5, 0.9),
 ) -> Scores:
     """Return the scores of a forecaster on all windows."""
-    items = tracked(windows, len(windows), progress)
+    items = tracked(windows)
     results = [window_scores(forecaster, *window, regions) for window in items]
     return {name: np.array([scores[name] for scores in results]) for name in results[0]}
 

@@ -17,7 +17,7 @@ from operator import or_
 import numpy as np
 
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -56,7 +56,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield a Markdown table."""
     dataset = registry.build(
         "datasets",
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         (name, severity) for name in args.only for severity in range(CORRUPTIONS[name].severities)
     ]
     means = []
-    for name, severity in tracked(tasks, len(tasks), progress):
+    for name, severity in tracked(tasks):
         of_clips = [gains_db(clip, CORRUPTIONS[name], severity, compared) for clip in clips]
         means.append(nanmean(np.array(of_clips), axis=0))
     values = np.array(means)

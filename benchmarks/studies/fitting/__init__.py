@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.options import Progress, option
+from geovp_benchmarks.cli.options import option
 
 ARGUMENTS = {
     "": {
@@ -18,7 +18,7 @@ ARGUMENTS = {
 }
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Fit a model; yield its constants or its file."""
     import numpy as np
 

@@ -15,7 +15,6 @@ from geovp_benchmarks.evaluation.forecasting import (
     read_windows,
     window_scores,
 )
-from geovp_benchmarks.progress import no_progress
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
@@ -133,7 +132,7 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     errors = {}
     for name in ("hold", "constant-turn", "acceleration-kalman", "motion-prior"):
         forecaster = registry.build("forecasters", name)
-        scores = forecasting.evaluate(windows, forecaster, no_progress)
+        scores = forecasting.evaluate(windows, forecaster)
         errors[name] = float(scores["ADE m"].mean())
     assert min(errors, key=errors.__getitem__) != "hold"
     assert errors["motion-prior"] < 1.0

@@ -1,5 +1,6 @@
 """Figures show the stored scores, and can be told apart in colour, in grey and by name."""
 
+import logging
 import re
 import shutil
 from dataclasses import replace
@@ -68,17 +69,19 @@ class TestFiles:
         assert legend(selected["horizon-psnr"]) == ["gt + far", "copy-last"]
         assert "kalman" not in texts(selected[f"strip-{CLIP}"])
 
-    def test_outdated_figures_go_and_foreign_files_stay(self, copied: Path) -> None:
+    def test_outdated_figures_go_and_foreign_files_stay(
+        self, copied: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
         shutil.rmtree(copied / "clips")
         (copied / "plots").mkdir()
         old, foreign = copied / "plots" / "horizon-ssim-2.png", copied / "plots" / "mine.png"
         old.touch()
         foreign.touch()
-        told: list[tuple[int, int]] = []
-        list(plots.write_all(Results(copied), Options(), lambda *count: told.append(count)))
+        caplog.set_level(logging.DEBUG, "geovp_benchmarks.steps")
+        list(plots.write_all(Results(copied), Options()))
         assert not old.exists()
         assert foreign.exists()
-        assert told == [(done, 4) for done in range(1, 5)]  # metrics
+        assert caplog.messages == [f"{done} of 4" for done in range(1, 5)]  # metrics
 
     def test_only_the_format_asked_for_is_written(self, copied: Path, command: Command) -> None:
         shutil.rmtree(copied / "clips")
