@@ -11,9 +11,7 @@ Examples:
 """
 
 import argparse
-import ast
 import dataclasses
-import functools
 import importlib.util
 import inspect
 import itertools
@@ -65,38 +63,19 @@ def run(args: argparse.Namespace) -> Lines:
 
 
 def summary(entry: metadata.EntryPoint) -> str:
-    """Return a component's name, package, missing package and explanation."""
-    from geovp_classic.registry import EXTRA_OF_MODULE
-
+    """Return a component's name, package and explanation."""
     text, package = entry.name, entry.dist.name if entry.dist else ""
     if package != "geovp":
         text += f" [{package}]"
-    if missing := missing_package(entry.module):
-        extra = EXTRA_OF_MODULE.get(missing)
-        text += f" (needs extra: {extra})" if extra else f" (needs {missing})"
-    for node in ast.parse(source(entry.module)).body:
-        if isinstance(node, ast.ClassDef) and node.name == entry.attr:
-            sentence = first_sentence((ast.get_docstring(node) or "").partition("\n\n")[0])
-            text += f": {sentence}" if sentence else ""
-    return text
+    docstring = re.search(
+        rf'^class {entry.attr}\b.*?"""(.*?)"""', source(entry.module), re.M | re.S
+    )
+    return f"{text}: {first_sentence(docstring[1])}" if docstring else text
 
 
 def first_sentence(text: str) -> str:
     """Return the first sentence of a text on one line, without its full stop."""
     return re.split(r"\.\s+(?=[A-Z`])", " ".join(text.split()))[0].removesuffix(".")
-
-
-@functools.cache
-def missing_package(module: str) -> str:
-    """Return the first package that a module's imports lack, "" for none; nothing is imported."""
-    for name in re.findall(r"^(?:import|from) ([\w.]+)", source(module), re.MULTILINE):
-        package = name.partition(".")[0]
-        if package == module.partition(".")[0]:
-            if missing := missing_package(name):
-                return missing
-        elif importlib.util.find_spec(package) is None:
-            return package
-    return ""
 
 
 def source(module: str) -> str:

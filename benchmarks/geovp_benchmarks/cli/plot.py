@@ -5,35 +5,21 @@ Examples:
   geovp plot results/demo --methods copy-last "vo+prior + fusion" --metrics psnr
   geovp plot results/demo --against copy-last
   geovp plot results/demo --by turning
-  geovp plot results/demo --format pdf --width 3.3in
+  geovp plot results/demo --format pdf --width 3.3
 """
 
 import argparse
-import re
 
-from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
-
-
-def length_in(text: str) -> float:
-    """Parse a length such as "3.3in", "84mm" or "240pt" into inches."""
-    units_in = {"in": 1.0, "cm": 1 / 2.54, "mm": 1 / 25.4, "pt": 1 / 72.27, "": 1.0}
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)", text)
-    if not match or match[2] not in units_in:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length such as 3.3in or 84mm")
-    length = float(match[1]) * units_in[match[2]]
-    if length < 2.5:
-        raise argparse.ArgumentTypeError(f"{text} is too narrow for labels: give 2.5in or more")
-    return length
-
+from geovp_benchmarks.cli.options import SELECTION, Lines, number, option, shared
 
 ARGUMENTS = {
     "": shared("folder"),
     "selection": SELECTION,
     "output": {
         "--format pdf|svg|png": "Format. Default: png and svg.",
-        "--width LENGTH": option(
-            "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles.",
-            type=length_in,
+        "--width INCHES": option(
+            "Width in a paper, at least 2.5, without titles. Default: with titles.",
+            type=number(2.5, kind=float),
         ),
     },
 }
