@@ -262,7 +262,6 @@ def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--fps 10 --fov 70 --out x.avi", "ends in .mp4"),
         ("--fps 10 --fov 70 --drive", "--camera-height"),
         ("--fps 10 --fov 70 --sequence 03", "remove --sequence"),
         ("--fov 70", "give --fps"),

@@ -12,15 +12,9 @@ Examples:
 import argparse
 import contextlib
 import threading
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.options import Lines, option
 from geovp_benchmarks.cli.predict import CAMERA
-
-if TYPE_CHECKING:
-    from geovp_benchmarks.display.session import Session
-
 
 ARGUMENTS = {
     "": {"path INPUT": "Video, folder of images, data set, bag, or the number of a camera."},
@@ -79,7 +73,7 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_benchmarks.display.channel import Channel
     from geovp_benchmarks.display.commands import Driver, read_commands
     from geovp_benchmarks.display.server import Server
-    from geovp_benchmarks.display.session import Session
+    from geovp_benchmarks.display.session import Session, write_video
     from geovp_benchmarks.display.source import Source
     from geovp_benchmarks.predict.request import PredictionRequest
     from geovp_classic.errors import BadData
@@ -99,22 +93,3 @@ def run(args: argparse.Namespace) -> Lines:
         yield server.url
         with contextlib.suppress(KeyboardInterrupt):
             server.play(threading.Event())
-
-
-def write_video(session: "Session", path: Path) -> None:
-    """Write all views of a recording to an mp4 file."""
-    import numpy as np
-
-    from geovp_benchmarks.display.drawing import side_by_side
-    from geovp_benchmarks.plots import video
-    from geovp_classic.data.atomic import atomic_write
-    from geovp_classic.errors import BadData
-
-    if session.source.is_camera:
-        raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
-    if path.suffix != ".mp4":
-        raise BadData(f"--out is {path}, expected a file name that ends in .mp4")
-    times_s = session.source.times_s
-    frames = (side_by_side(shown.panels) for shown in session.render())
-    with atomic_write(path) as scratch:
-        video.write_mp4(scratch, frames, 1 / float(np.median(np.diff(times_s))))

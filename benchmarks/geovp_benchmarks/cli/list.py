@@ -94,7 +94,6 @@ def as_toml(role: str, name: str) -> str:
     from geovp_classic.types import PrivilegedInput
 
     kind = registry.load(role, name)
-    (entry,) = metadata.entry_points(group=f"geovp.{role}", name=name)
     component = None
     lines = [f"{name} ({role})", "", *(inspect.getdoc(kind) or "").splitlines()]
     with suppress(GeovpError):  # a required field, or missing weights
@@ -102,7 +101,7 @@ def as_toml(role: str, name: str) -> str:
         needs = getattr(component, "needs", PrivilegedInput.NONE)
         inputs = [str(flag.name).lower().replace("_", " ") for flag in needs]
         lines.append(f"privileged inputs: {', '.join(inputs) or 'none'}")
-    lines.append(f"from {entry.value} of {entry.dist.name if entry.dist else 'no package'}")
+    lines.append(f"from {kind.__module__}:{kind.__qualname__}")
     lines = [f"# {line}".rstrip() for line in lines]
     # Of these roles, a component is a table of a matrix file
     heading = f"{role}.{name}" if role in ("pose_sources", "renderers", "predictors") else ""

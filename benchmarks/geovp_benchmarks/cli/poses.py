@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.data import layouts
+    from geovp_classic.data import layouts, pose_files
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
     data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
@@ -58,4 +58,4 @@ def run(args: argparse.Namespace) -> Lines:
         yield f"{frames}: {path.tracked.mean():.1%} of frames tracked"
         yield from grid(error_table([path]))
         stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
-        yield from map(str, path.write(args.out, stem))
+        yield from map(str, pose_files.write_both(args.out, stem, path.estimate))

@@ -1,11 +1,10 @@
-"""Drawings in images: the planned path, inpainted pixels, warnings, and panels side by side."""
+"""Drawings in images: the planned path, inpainted pixels and warnings."""
 
 import textwrap
 
 import cv2
 import numpy as np
 
-from geovp_benchmarks.plots.video import labelled
 from geovp_classic.streaming import LiveView
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
@@ -54,11 +53,6 @@ def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
         corner_px, font = (6, step_px * number - 2), cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(drawn, line, corner_px, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
-
-
-def side_by_side(panels: dict[str, ByteArray]) -> ByteArray:
-    """Return the panels [H, W, 3] in a row [H, N W, 3], labelled with their names."""
-    return np.concatenate([labelled(frame, name) for name, frame in panels.items()], axis=1)
 
 
 def _pixels(points_px: FloatArray) -> IntArray:

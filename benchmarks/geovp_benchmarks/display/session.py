@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from geovp_benchmarks.display import drawing
 from geovp_benchmarks.display.channel import Channel, InFlight, Sent
 from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.source import Source
+from geovp_benchmarks.plots.video import labelled, write_mp4
 from geovp_benchmarks.progress import tracked
-from geovp_classic.errors import Incompatible
+from geovp_classic.data.atomic import atomic_write
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray
 
@@ -174,3 +177,16 @@ class Session:
             finally:
                 is_done.set()
             pushing.result()
+
+
+def write_video(session: Session, path: Path) -> None:
+    """Write all views of a recording side by side to an mp4 file."""
+    if session.source.is_camera:
+        raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
+    frames = (
+        np.concatenate([labelled(frame, name) for name, frame in shown.panels.items()], axis=1)
+        for shown in session.render()
+    )
+    rate_hz = 1 / float(np.median(np.diff(session.source.times_s)))
+    with atomic_write(path) as scratch:
+        write_mp4(scratch, frames, rate_hz)

@@ -3,14 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.progress import tracked
 from geovp_classic import registry
-from geovp_classic.data import pose_files
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.metrics import odometry as drift
@@ -48,13 +46,6 @@ class TrackedPath:
                     *map(drift.root_mean_square, errors),
                 ]
         return [np.nan] * 5
-
-    def write(self, folder: Path, stem: str) -> list[Path]:
-        """Write the path as KITTI and TUM files, which evo plots; return the files."""
-        kitti, tum = folder / f"{stem}.kitti.txt", folder / f"{stem}.tum.txt"
-        pose_files.write_kitti(kitti, self.estimate)
-        pose_files.write_tum(tum, self.estimate)
-        return [kitti, tum]
 
 
 def error_table(paths: Sequence[TrackedPath]) -> list[list[str]]:
