@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,8 +79,14 @@ class Session:
         play = self._capture if self.source.is_camera else self._replay
         while not stop.is_set():
             self._restart()
-            with self._pushing(stop):
-                play(publish, stop)
+            is_done = threading.Event()
+            with ThreadPoolExecutor(1) as pool:
+                pushing = pool.submit(self._push_arrivals, is_done, stop)
+                try:
+                    play(publish, stop)
+                finally:
+                    is_done.set()
+            pushing.result()
 
     def draw_present(self, now_s: float, true: ByteArray | None) -> Shown:
         """Predict the present and draw it next to the late image and the true present."""
@@ -153,30 +159,21 @@ class Session:
         if self.live.push(sent.frame, sent.time_s).status != "late":
             self._late = sent
 
-    @contextmanager
-    def _pushing(self, stop: threading.Event) -> Iterator[None]:
-        """Push arriving images in a thread; its exception sets `stop` and is raised at the end."""
-        is_done = threading.Event()
+    def _push_arrivals(self, is_done: threading.Event, stop: threading.Event) -> None:
+        """Push images as they arrive; those that waited for the predictor are dropped.
 
-        def push() -> None:
-            try:
-                while not is_done.is_set():
-                    arrived = self._in_flight.receive(self._elapsed_s())
-                    if arrived:  # those that waited for the predictor are dropped
-                        self._push(max(arrived, key=lambda sent: sent.number))
-                    else:
-                        is_done.wait(0.005)
-            except BaseException:
-                stop.set()
-                raise
-
-        with ThreadPoolExecutor(1) as pool:
-            pushing = pool.submit(push)
-            try:
-                yield
-            finally:
-                is_done.set()
-            pushing.result()
+        An exception sets `stop`.
+        """
+        try:
+            while not is_done.is_set():
+                arrived = self._in_flight.receive(self._elapsed_s())
+                if arrived:
+                    self._push(max(arrived, key=lambda sent: sent.number))
+                else:
+                    is_done.wait(0.005)
+        except BaseException:
+            stop.set()
+            raise
 
 
 def write_video(session: Session, path: Path) -> None:
