@@ -86,7 +86,7 @@ $(READY): pyproject.toml constraints.txt
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV) (once; some minutes, about 4 GB) ..."
 	@$(BIN)/python -m pip install --quiet --constraint constraints.txt torch || $(NO_ROOM)
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[learned,pretrained,onnx,volume,video,cluster,completion,display,exr,rosbag,dev]' || $(NO_ROOM)
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[learned,pretrained,onnx,volume,video,cluster,completion,exr,rosbag,dev]' || $(NO_ROOM)
 	@$(BIN)/python -c 'import open3d' 2>/dev/null || \
 	  { echo "Open3D cannot be imported: install the Debian package libusb-1.0-0 (as root: apt-get install libusb-1.0-0)"; exit 1; }
 	@touch $@

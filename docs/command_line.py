@@ -35,8 +35,6 @@ def section(parser: argparse.ArgumentParser) -> Iterator[str]:
         if actions:
             title = (group.title or "").capitalize()
             rows = [f"| {spelling(each)} | {prose(each.help)} |" for each in actions]
-            if group.description:
-                yield prose(group.description)
             yield "\n".join([f"| {title} | |", "| --- | --- |", *rows])
     examples = (parser.epilog or "").partition("\n")[2]
     lines = [line.strip() for line in examples.splitlines() if line.strip()]

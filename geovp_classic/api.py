@@ -52,20 +52,24 @@ def predict(
     shown, such as the hood, in any size. Raises Incompatible if a privileged input is missing.
     """
     if pose_source is None:
-        scale = (
-            "unit-speed" if context.camera_height_m is None else "ground-plane"
-        )
-        odometry = {"name": "monocular", "scale": {"name": scale}}
-        pose_source = {
-            "name": "refined",
-            "source": {"name": "chained", "odometry": odometry},
-        }
+        pose_source = default_pose_source(context.camera_height_m)
     predictor = GeometricPredictor(
         _build("pose_sources", pose_source),
         _build("renderers", renderer),
         Observer(mask=mask),
     )
     return predictor.predict(context, num_samples)
+
+
+def default_pose_source(camera_height_m: float | None) -> Spec:
+    """Return the table of refined odometry with a forecast, metric if the height is given."""
+    scale = "unit-speed" if camera_height_m is None else "ground-plane"
+    odometry = {"name": "monocular", "scale": {"name": scale}}
+    return {
+        "name": "refined",
+        "source": {"name": "chained", "odometry": odometry},
+        "refinements": ["registration"],
+    }
 
 
 def evaluate(

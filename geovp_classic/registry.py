@@ -49,7 +49,6 @@ EXTRA_OF_MODULE = {
     "open3d": "volume",
     "av": "video",
     "argcomplete": "completion",
-    "aiohttp": "display",
     "rosbags": "rosbag",
     "onnx": "onnx",
     "onnxruntime": "pretrained",
@@ -109,7 +108,7 @@ def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
 @contextlib.contextmanager
 def defaults(**fields: Any) -> Iterator[None]:
     """Override the default of each field with one of these names, in nested components, too."""
-    token = _defaults.set(fields)
+    token = _defaults.set({**_defaults.get({}), **fields})
     try:
         yield
     finally:

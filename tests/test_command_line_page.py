@@ -10,6 +10,7 @@ from types import ModuleType
 import pytest
 
 from geovp_benchmarks import cli
+from geovp_benchmarks.cli.options import add_groups
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -34,7 +35,8 @@ def hook(name: str) -> ModuleType:
 def test_all_options_of_a_command_are_listed(command: str, page: str) -> None:
     section = page.partition(f"\n## geovp {command}\n")[2].partition("\n## ")[0]
     parser = argparse.ArgumentParser()
-    importlib.import_module(f"geovp_benchmarks.cli.{command}").add_arguments(parser)
+    module = importlib.import_module(f"geovp_benchmarks.cli.{command}")
+    add_groups(parser, module.ARGUMENTS)
     options = {name for name in parser._option_string_actions if name not in ("-h", "--help")}
     listed = re.findall(r"^\| <code>(.+?)</code>", section, re.MULTILINE)
     assert options <= {word.strip(",") for line in listed for word in line.split()}

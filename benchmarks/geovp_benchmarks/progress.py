@@ -1,16 +1,15 @@
-"""Progress of long work: the callback, what is being done now, and a progress bar
-that shows both.
+"""Progress of long work: what is done now, how much is done, and a progress bar that shows both.
+
+Reports are log records, so that work need not know the bar.
 """
 
 import logging
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
 Item = TypeVar("Item")
-Progress = Callable[[int, int], None]  # (done, total)
-FIRST_SHOWN_S = 0.5
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 
 logger = logging.getLogger("geovp_benchmarks")
@@ -18,25 +17,26 @@ steps = logging.getLogger("geovp_benchmarks.steps")
 steps.setLevel(logging.DEBUG)  # the bar shows them however little is logged
 
 
-def no_progress(done: int, total: int) -> None:
-    """Show nothing."""
-
-
 def announce(step: str, done: int = 0) -> None:
     """Say what is done now, and how much of the bar was done just before it."""
     steps.debug(step, extra={"done": done})
 
 
-def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[Item]:
+def report(done: int, total: int) -> None:
+    """Say how much of the work is done; another total restarts the bar."""
+    steps.debug("%d of %d", done, total)
+
+
+def tracked(items: Collection[Item]) -> Iterator[Item]:
     """Yield the items; report each as done when the next one is asked for."""
     for done, item in enumerate(items, 1):
         yield item
-        progress(done, total)
+        report(done, len(items))
 
 
 @contextmanager
-def progress_bar(description: str) -> Iterator[Progress]:
-    """Show a progress bar with the current step on standard error; another total restarts it.
+def progress_bar(description: str) -> Iterator[None]:
+    """Show a progress bar with the current step on standard error.
 
     Nothing is shown with --quiet or where standard error is not a terminal. The bar is drawn by the
     calling thread alone: another thread could hold its lock when standard error breaks.
@@ -50,24 +50,24 @@ def progress_bar(description: str) -> Iterator[Progress]:
         desc=description,
         bar_format=BAR,
         file=sys.stderr,
-        delay=FIRST_SHOWN_S,
+        delay=0.5,
         disable=is_quiet or not sys.stderr.isatty(),
     ) as bar:
 
-        def show(done: int, total: int) -> None:
-            if total != bar.total:
-                bar.reset(total)
-            bar.update(done - bar.n)
-
-        def show_step(record: logging.LogRecord) -> bool:
-            done = int(getattr(record, "done", 0))
-            bar.set_postfix_str(record.getMessage(), refresh=False)
-            bar.update(min(done, max(0, bar.total - bar.n)))
+        def show(record: logging.LogRecord) -> bool:
+            if record.args:
+                done, total = record.args
+                if total != bar.total:
+                    bar.reset(total)
+                bar.update(done - bar.n)
+            else:
+                bar.set_postfix_str(record.msg, refresh=False)
+                bar.update(min(vars(record)["done"], max(0, bar.total - bar.n)))
             return True
 
-        steps.addFilter(show_step)
+        steps.addFilter(show)
         try:
-            yield show
+            yield
         finally:
-            steps.removeFilter(show_step)
+            steps.removeFilter(show)
             bar.set_postfix_str("", refresh=False)

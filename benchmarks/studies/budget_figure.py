@@ -6,20 +6,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from geovp_benchmarks.cli import budget
-from geovp_benchmarks.cli.options import Progress, add_options
 from geovp_benchmarks.tables.formats import markdown
 from studies._figures import panels
 
+ARGUMENTS = {
+    **budget.ARGUMENTS,
+    "figure": {"figure FILE": "File of the figure: png, pdf or svg."},
+}
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `geovp budget` and the figure."""
-    budget.add_arguments(parser)
-    add_options(parser, {"figure FILE": "File of the figure: png, pdf or svg."})
 
-
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
-    tables = budget.tables(args, progress)
+    tables = budget.tables(args)
     stages = [row.label for row in tables[0].methods]
     places = np.arange(len(stages))
     size_in = 3 * len(tables), 1 + 0.3 * len(stages)

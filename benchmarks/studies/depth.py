@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import add_options, option
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.cli.options import option
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
@@ -21,9 +21,8 @@ from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Traject
 NUM_PAST = 10
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the number of clips and the depth source."""
-    options = {
+ARGUMENTS = {
+    "": {
         "clips N": option("Number of clips. Default: 8.", 8, nargs="?"),
         "--source SPEC": option(
             "Name or TOML table of a component, see `geovp list depth_sources`. "
@@ -31,16 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "multiview",
         ),
     }
-    add_options(parser, options)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield medians over clips by set of pixels."""
     street = {"name": "synthetic", "num_clips": args.clips, "num_frames": NUM_PAST + 1}
     dataset = registry.build("datasets", street)
     source = registry.build("depth_sources", args.source, "--source")
     measured: dict[str, list[FloatArray]] = {}
-    for number in tracked(range(len(dataset)), len(dataset), progress):
+    for number in tracked(range(len(dataset))):
         for pixels, measures in evaluate(source, dataset[number]).items():
             measured.setdefault(pixels, []).append(measures)
     lines = [["pixels", "clips", "abs rel", "< 1.25", "confidence"]]

@@ -16,9 +16,9 @@ import numpy as np
 from scipy import ndimage
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.cli.options import add_options, option
+from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.display.channel import Channel, InFlight
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import planar, se3
@@ -52,26 +52,23 @@ class CommandErrors:
     yaw_rate_rad_s: float = 0.01
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the drives, the metrics and the figure."""
-    stretches = ("03[0:180)", "raw0095")  # train and val
-    metrics = ("psnr", "ssim", "lpips")
-    options = {
+ARGUMENTS = {
+    "": {
         "root FOLDER": "Folder laid out as KITTI odometry.",
         "frames FRAMES": option(
-            f"Sequences or stretches of them. Default: {' '.join(stretches)}.",
-            stretches,
+            "Sequences or stretches of them. Default: 03[0:180) raw0095.",  # train and val
+            ["03[0:180)", "raw0095"],
             nargs="*",
         ),
         "--num-frames N": option("Frames of a drive, at least 39. Default: 90.", 90),
         "--every N": option("Frames between two scored ones. Default: 5.", 5),
-        "--metrics NAME": option("Default: psnr ssim lpips.", metrics, nargs="+"),
+        "--metrics NAME...": option("Default: psnr ssim lpips.", ["psnr", "ssim", "lpips"]),
         "--plot FILE": "File for curves: png, pdf or svg.",
     }
-    add_options(parser, options)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield tables over the latency and over faults of the channel; draw the first metric."""
     spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
@@ -84,7 +81,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
     shown, warned = [], []
     names: list[str] = []
     channels: dict[str, list[FloatArray]] = {name: [] for name in CHANNELS}
-    for index in tracked(range(len(dataset)), len(dataset), progress):
+    for index in tracked(range(len(dataset))):
         clip = dataset[index]
         for views, real, fraction in presents(clip, args.every):
             shown.append([scored(frames, real) for frames in views])

@@ -16,29 +16,27 @@ import cv2
 import numpy as np
 import pycolmap
 
-from geovp_benchmarks.cli.options import add_options, option
+from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.evaluation.odometry import track_sequences
-from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the data and the frames."""
-    text = "Sequence or a part of it. Default: 03[0:360)."
-    options = {
+ARGUMENTS = {
+    "": {
         "root DIR": "Folder of KITTI odometry.",
-        "frames FRAMES": option(text, "03[0:360)", nargs="?"),
+        "frames FRAMES": option(
+            "Sequence or a part of it. Default: 03[0:360).", "03[0:360)", nargs="?"
+        ),
     }
-    add_options(parser, options)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield the drift of the odometry and of the bundle adjustment."""
     data = {"name": "kitti", "root": args.root}
-    stretch, path = next(track_sequences(data, [args.frames], {"name": "monocular"}, progress))
+    stretch, path = next(track_sequences(data, [args.frames], {"name": "monocular"}))
     dataset = {**data, "sequences": [args.frames], "num_frames": 2}
     recording = registry.build("datasets", dataset).recordings[stretch.sequence]
     numbers = range(len(recording.frames))[stretch.first : stretch.last]

@@ -103,6 +103,14 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     _write(path, rows, "t_s x y z qx qy qz qw")
 
 
+def write_both(folder: Path, stem: str, trajectory: Trajectory) -> list[Path]:
+    """Write STEM.kitti.txt and STEM.tum.txt; return the files."""
+    kitti, tum = folder / f"{stem}.kitti.txt", folder / f"{stem}.tum.txt"
+    write_kitti(kitti, trajectory)
+    write_tum(tum, trajectory)
+    return [kitti, tum]
+
+
 def _read(
     path: Path,
     counts: tuple[int, ...],

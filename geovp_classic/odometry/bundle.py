@@ -19,7 +19,7 @@ def bundle_adjust(
 
     The first `num_fixed` keyframes stay. With only one fixed, the length of a baseline stays, too.
     """
-    model = _reconstruction(cam_from_world, points, pixels, camera)
+    model = reconstruction(cam_from_world, points, *_square(pixels, camera))
     if not _solve(model, _options(robust_px), num_fixed):
         return cam_from_world, points
     poses = cam_from_world.copy()
@@ -39,7 +39,7 @@ def adjust_focal(
 
     The result is NaN if the solver fails. A wrong focal length makes outliers, hence a Cauchy loss.
     """
-    model = _reconstruction(cam_from_world, points, pixels, camera)
+    model = reconstruction(cam_from_world, points, *_square(pixels, camera))
     options = _options(robust_px=0.5)
     options.refine_focal_length = True
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
@@ -49,39 +49,47 @@ def adjust_focal(
     return float(model.cameras[1].params[0])
 
 
-def _reconstruction(
-    cam_from_world: FloatArray,
-    points: FloatArray,
-    pixels: FloatArray,
-    camera: Intrinsics,
+def reconstruction(
+    cam_from_world: FloatArray,  # [K, 4, 4]
+    points: FloatArray,  # [N, 3]
+    pixels: FloatArray,  # [K, N, 2] as COLMAP counts them; NaN: not observed
+    camera: pycolmap.Camera,  # with camera_id = 1
 ) -> pycolmap.Reconstruction:
-    """Return the window as a reconstruction with square pixels; identifiers count from 1."""
-    centre = np.array([camera.cx_px, camera.cy_px])
-    rays = pinhole.normalised(pixels, camera)
-    keypoints = np.nan_to_num(camera.fx_px * rays + centre)
+    """Return a reconstruction of images and points; their identifiers count from 1."""
     model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            model="SIMPLE_PINHOLE",
-            params=[camera.fx_px, *centre],
-            camera_id=1,
-            width=camera.width_px,
-            height=camera.height_px,
-        )
-    )
+    model.add_camera_with_trivial_rig(camera)
+    tracks = [pycolmap.Track() for _ in points]
     for k, pose in enumerate(cam_from_world):
+        observed = np.flatnonzero(np.isfinite(pixels[k, :, 0])).tolist()
+        for keypoint, n in enumerate(observed):
+            tracks[n].add_element(k + 1, keypoint)
         image = pycolmap.Image(
-            name=str(k), keypoints=keypoints[k], camera_id=1, image_id=k + 1
+            name=str(k),
+            keypoints=pixels[k, observed],
+            camera_id=1,
+            image_id=k + 1,
         )
         rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
         model.add_image_with_trivial_frame(image, rigid)
-    is_observed = np.isfinite(pixels[..., 0])
-    for n, point in enumerate(points):
-        track = pycolmap.Track()
-        for k in np.flatnonzero(is_observed[:, n]).tolist():
-            track.add_element(k + 1, n)
+    for point, track in zip(points, tracks, strict=True):
         model.add_point3D(point, track)
     return model
+
+
+def _square(
+    pixels: FloatArray, camera: Intrinsics
+) -> tuple[FloatArray, pycolmap.Camera]:
+    """Return the pixels [..., 2] of a camera with square pixels, and this camera."""
+    centre = np.array([camera.cx_px, camera.cy_px])
+    rays = pinhole.normalised(pixels, camera)
+    square = pycolmap.Camera(
+        model="SIMPLE_PINHOLE",
+        params=[camera.fx_px, *centre],
+        camera_id=1,
+        width=camera.width_px,
+        height=camera.height_px,
+    )
+    return camera.fx_px * rays + centre, square
 
 
 def _options(robust_px: float) -> pycolmap.BundleAdjustmentOptions:

@@ -14,7 +14,6 @@ import street
 
 from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Options
@@ -73,9 +72,7 @@ def go(
     parsed = schema.parse("m", tables).select(*selected)
     return {
         method.name: method
-        for method in run(
-            parsed, Results(root), Options(**options), executor or Serial(), no_progress
-        )
+        for method in run(parsed, Results(root), Options(**options), executor or Serial())
     }
 
 

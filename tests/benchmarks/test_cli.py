@@ -157,9 +157,7 @@ class TestList:
         assert lines.keys() == {path.stem for path in CONFIGS.glob("*.toml")}
         assert all(20 < len(sentence) < 120 for sentence in lines.values())
 
-    def test_a_plug_in_and_what_it_lacks_are_there_and_nothing_is_imported_for_it(
-        self, toys: Path
-    ) -> None:
+    def test_plug_ins_are_there_and_nothing_is_imported_for_them(self, toys: Path) -> None:
         heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "geovp_learned.lpips")
         lines = python(
             f"import sys; sys.path.insert(0, {str(toys)!r})\n"
@@ -167,7 +165,7 @@ class TestList:
             f"assert not [name for name in {heavy!r} if name in sys.modules]"
         ).splitlines()
         assert any(line.startswith("  toy-still [geovp-toys]") for line in lines)
-        assert "  toy-uninstalled [geovp-toys] (needs package_that_nobody_has)" in lines
+        assert any(line.startswith("  toy-uninstalled [geovp-toys]") for line in lines)
 
 
 class TestCheck:
@@ -184,7 +182,7 @@ class TestCheck:
 
 @pytest.mark.parametrize(
     ("words", "names"),
-    [([], cli.COMMANDS), (["forecast"], ("evaluate",))],
+    [([], cli.COMMANDS), (["forecast"], ("--sequences",))],
 )
 def test_help_names_everything_and_imports_nothing_heavy(
     words: list[str], names: tuple[str, ...]
@@ -212,6 +210,7 @@ WRONG = [
     "table",
 ]
 WRONG += ["verify x --seed -1", "verify x --tolerance inf"]
+WRONG += ["display x --loss 2", "display x --jitter 99", "display x --latency nan"]
 
 
 @pytest.mark.parametrize("words", WRONG)

@@ -1,6 +1,7 @@
 """The page of `geovp display`: its protocol, what it refuses, and the page in a browser."""
 
 import asyncio
+import http.client
 import json
 import random
 import shutil
@@ -8,38 +9,35 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager
+from email.message import Message
 from pathlib import Path
 from typing import Any, cast
 
+import aiohttp
 import cv2
 import numpy as np
 import pytest
 import street
 
+from geovp_benchmarks.display import server
 from geovp_benchmarks.display.channel import Channel
-from geovp_benchmarks.display.commands import Driver, PlannedCommands
+from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.session import Publish, Session, Shown
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import street_source, write_images
 
-aiohttp = pytest.importorskip("aiohttp", reason="needs the extra: display")
-from aiohttp.test_utils import TestClient, TestServer  # noqa: E402
-
-from geovp_benchmarks.display import server  # noqa: E402
-
 TOKEN = "a-secret"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-READY = json.dumps({"is_ready": True})
 
 
 class FakeSession:
-    """A session that shows grey panels, brighter by one each time `show` is called."""
+    """A session that shows grey panels."""
 
     def __init__(self) -> None:
-        self.commands = Driver()
+        self.driver = Driver()
         self.is_dimming = False
 
     def shown(self, grey: int, size_px: int = 16) -> Shown:
@@ -47,143 +45,122 @@ class FakeSession:
         return Shown({"late image": panel, "predicted present": panel}, None, 0.5, 0.9)
 
 
-@asynccontextmanager
-async def connected() -> AsyncIterator[tuple[TestClient[Any, Any], server.Server, dict[str, str]]]:
-    """Yield a client, its server, and the headers of a page of this server."""
-    pages = server.Server(cast(Session, FakeSession()), TOKEN)
-    async with TestClient(TestServer(pages.application())) as client:
-        origin = f"http://{client.host}:{client.port}"
-        yield client, pages, {"Origin": origin}
+class Client:
+    """One connection to the server of a fake session."""
+
+    def __init__(self, pages: server.Server) -> None:
+        host, port = pages.server_address[:2]
+        self.origin = f"http://{host}:{port}"
+        self.connection = http.client.HTTPConnection(str(host), port, timeout=5)
+
+    def ask(
+        self, path: str, content: bytes | None = None, origin: str | None = None
+    ) -> tuple[int, bytes, Message]:
+        """Return status, content and headers of the response."""
+        headers = {} if origin is None else {"Origin": origin}
+        self.connection.request("GET" if content is None else "POST", path, content, headers)
+        response = self.connection.getresponse()
+        return response.status, response.read(), response.headers
+
+    def view(self, number: int) -> tuple[dict[str, Any], int]:
+        """Return the header of the view after this one, and the grey value of its image."""
+        status, message, _ = self.ask(f"/views?token={TOKEN}&after={number}")
+        assert status == 200
+        length = int.from_bytes(message[:4], "big")
+        image = cv2.imdecode(np.frombuffer(message[4 + length :], np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape == (16, 32, 3)
+        return json.loads(message[4 : 4 + length]), round(image.mean())
 
 
-def parsed(message: bytes) -> tuple[dict[str, Any], int]:
-    """Return the header of a message, and the grey value of its image."""
-    length = int.from_bytes(message[:4], "big")
-    image = cv2.imdecode(np.frombuffer(message[4 + length :], np.uint8), cv2.IMREAD_COLOR)
-    assert image.shape == (16, 32, 3)
-    return json.loads(message[4 : 4 + length]), round(image.mean())
+@pytest.fixture
+def pages() -> Iterator[server.Server]:
+    """Serve a fake session."""
+    with server.Server(cast(Session, FakeSession()), "127.0.0.1", 0, TOKEN) as pages:
+        threading.Thread(target=pages.serve_forever, daemon=True).start()
+        yield pages
+        pages.shutdown()
 
 
-def test_a_slow_page_neither_delays_another_nor_fills_a_queue() -> None:
-    async def check() -> None:
-        async with connected() as (client, pages, headers):
-            slow = await client.ws_connect(f"/views?token={TOKEN}", headers=headers)
-            fast = await client.ws_connect(f"/views?token={TOKEN}", headers=headers)
-            session = cast(FakeSession, pages.session)
-            for grey in range(100):
-                pages.newest.publish(server.encode(session.shown(grey)))
-                header, shown = parsed(await fast.receive_bytes(timeout=5))
-                assert shown == grey
-                await fast.send_str(READY)
-            assert header["panels"] == ["late image", "predicted present"]
-            assert (header["warning"], header["age_s"], header["confidence"]) == (None, 0.5, 0.9)
-            assert parsed(await slow.receive_bytes(timeout=5))[1] == 0
-            await slow.send_str(READY)
-            assert parsed(await slow.receive_bytes(timeout=5))[1] == 99
-            late = await client.ws_connect(f"/views?token={TOKEN}", headers=headers)
-            assert parsed(await late.receive_bytes(timeout=5))[1] == 99
-
-    asyncio.run(check())
+def test_a_slow_page_neither_delays_another_nor_fills_a_queue(pages: server.Server) -> None:
+    slow, fast, session = Client(pages), Client(pages), cast(FakeSession, pages.session)
+    pages.publish(session.shown(0))
+    assert slow.view(0)[1] == 0
+    number = 1
+    for grey in range(1, 100):
+        pages.publish(session.shown(grey))
+        header, shown = fast.view(number)
+        number = header["number"]
+        assert shown == grey
+    assert header["panels"] == ["late image", "predicted present"]
+    assert (header["warning"], header["age_s"], header["confidence"]) == (None, 0.5, 0.9)
+    assert slow.view(1)[1] == 99
+    assert Client(pages).view(0)[1] == 99
+    threading.Timer(0.2, pages.publish, [session.shown(100)]).start()
+    assert slow.view(number)[1] == 100  # after it has waited for it
 
 
 @pytest.mark.parametrize("token", ["", "?token=", "?token=a-secre", "?token=%F0%9F%98%80"])
-def test_without_the_token_nothing_is_served(token: str) -> None:
-    async def check() -> None:
-        async with connected() as (client, _, headers):
-            for path in ("/", "/views", "/page.html", "/../pyproject.toml"):
-                response = await client.get(path + token, headers=headers)
-                assert response.status == 403
-                assert "secret" not in await response.text()
-            with pytest.raises(aiohttp.WSServerHandshakeError):
-                await client.ws_connect("/views" + token, headers=headers)
-
-    asyncio.run(check())
+def test_without_the_token_nothing_is_served(pages: server.Server, token: str) -> None:
+    for path in ("/", "/views", "/page.html", "/../pyproject.toml"):
+        for content in (None, b"{}"):
+            status, text, _ = Client(pages).ask(path + token, content)
+            assert status == 403
+            assert b"secret" not in text
 
 
-def test_pages_of_other_sites_are_refused() -> None:
-    async def check() -> None:
-        async with connected() as (client, _, headers):
-            path = f"/views?token={TOKEN}"
-            origins = ("http://evil.example", "null", headers["Origin"] + ".evil.example", "")
-            for origin in origins:
-                with pytest.raises(aiohttp.WSServerHandshakeError):
-                    await client.ws_connect(path, headers={"Origin": origin})
-            with pytest.raises(aiohttp.WSServerHandshakeError):
-                await client.ws_connect(path)
-            page = await client.get(f"/?token={TOKEN}")
-            assert "default-src 'none'" in page.headers["Content-Security-Policy"]
-            assert 'data-driven="true"' in await page.text()
-
-    asyncio.run(check())
+def test_pages_of_other_sites_are_refused(pages: server.Server) -> None:
+    client = Client(pages)
+    for origin in ("http://evil.example", "null", f"{client.origin}.evil.example", ""):
+        for content in (None, b"{}"):
+            assert Client(pages).ask(f"/?token={TOKEN}", content, origin)[0] == 403
+    status, text, headers = client.ask(f"/?token={TOKEN}", origin=client.origin)
+    assert status == 200
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert b'data-driven="true"' in text
 
 
-def test_no_file_is_served() -> None:
-    paths = ["server.py", "../session.py", "%2e%2e/%2e%2e/pyproject.toml", "/etc/passwd"]
-
-    async def check(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, path: str) -> bytes:
-        writer.write(f"GET /{path}?token={TOKEN} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
-        return await reader.readline()
-
-    async def check_all() -> None:
-        async with connected() as (client, _, _):
-            for path in paths:  # written as they are, because clients normalise paths
-                reader, writer = await asyncio.open_connection(client.host, client.port)
-                assert b" 404 " in await check(reader, writer, path)
-                writer.close()
-
-    asyncio.run(check_all())
+@pytest.mark.parametrize(
+    "path", ["/server.py", "/../session.py", "/%2e%2e/%2e%2e/pyproject.toml", "//etc/passwd"]
+)
+def test_no_file_is_served(pages: server.Server, path: str) -> None:
+    assert Client(pages).ask(f"{path}?token={TOKEN}")[0] == 404
 
 
-def test_malformed_messages_are_ignored() -> None:
+def test_malformed_messages_are_refused(pages: server.Server) -> None:
     generator = random.Random(0)
+    session = cast(FakeSession, pages.session)
     wrong = ["", "[", "null", "[" * 1000, '{"speed_m_s": 1e999}', '{"speed_m_s": NaN}']
-    wrong += ['{"speed_m_s": "3"}', '{"speed_m_s": 1000}', '{"is_ready": 1}', '{"open": "file"}']
-    while len(wrong) < 1000:
+    wrong += ['{"speed_m_s": "3"}', '{"speed_m_s": 1000}', '{"is_dimming": 1}', '{"open": "file"}']
+    while len(wrong) < 200:
         wrong.append("".join(chr(generator.randrange(1, 0x2FF)) for _ in range(40)))
-
-    async def check() -> None:
-        async with connected() as (client, pages, headers):
-            page = await client.ws_connect(f"/views?token={TOKEN}", headers=headers)
-            session = cast(FakeSession, pages.session)
-            for text in wrong:
-                await page.send_str(text)
-                await page.send_bytes(text.encode())
-            await page.send_str('{"speed_m_s": 8.0, "yaw_rate_rad_s": 0.25, "is_dimming": true}')
-            pages.newest.publish(server.encode(session.shown(10)))
-            assert parsed(await page.receive_bytes(timeout=5))[1] == 10
-            while not session.is_dimming:
-                await asyncio.sleep(0.01)
-            [command] = session.commands.at(0.0)
-            assert (command.speed_m_s, command.yaw_rate_rad_s) == (8.0, 0.25)
-            huge = await client.ws_connect(f"/views?token={TOKEN}", headers=headers)
-            await huge.send_str("x" * 100_000)
-            while (answer := await huge.receive(timeout=5)).type is not aiohttp.WSMsgType.CLOSE:
-                pass
-            assert answer.data == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
-            await page.close()
-            while session.commands.at(0.0):  # a driver who leaves releases the wheel
-                await asyncio.sleep(0.01)
-
-    asyncio.run(asyncio.wait_for(check(), 20))
+    for text in [*wrong, "x" * 100_000]:
+        assert Client(pages).ask(f"/?token={TOKEN}", text.encode())[0] == 400
+    assert not session.driver.at(0.0)
+    assert not session.is_dimming
+    good = b'{"speed_m_s": 8.0, "yaw_rate_rad_s": 0.25, "is_dimming": true}'
+    assert Client(pages).ask(f"/?token={TOKEN}", good)[0] == 200
+    [command] = session.driver.at(0.0)
+    assert (command.speed_m_s, command.yaw_rate_rad_s) == (8.0, 0.25)
+    assert session.is_dimming
 
 
 def test_a_port_in_use_gets_one_sentence(tmp_path: Path, refused: Says) -> None:
     write_images(tmp_path, street.clip().frames[:3])
-    with server.listen("127.0.0.1", 0) as taken:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         words = ["--fps", "10", "--fov", "70", "--port", port]
-        assert f"port {port} is in use" in refused("display", tmp_path, *words)
+        assert f"cannot listen at 127.0.0.1:{port}" in refused("display", tmp_path, *words)
 
 
 def test_addresses() -> None:
-    with server.listen("127.0.0.1", 0) as listener:
-        port = listener.getsockname()[1]
-        assert server.address(listener, "abc") == f"http://127.0.0.1:{port}/?token=abc"
-    with server.listen("0.0.0.0", 0) as listener:
-        assert server.address(listener, "abc").startswith(f"http://{socket.gethostname()}:")
+    session = cast(Session, FakeSession())
+    with server.Server(session, "127.0.0.1", 0, "abc") as pages:
+        assert pages.url == f"http://127.0.0.1:{pages.server_address[1]}/?token=abc"
+    with server.Server(session, "0.0.0.0", 0, "abc") as pages:
+        assert pages.url.startswith(f"http://{socket.gethostname()}:")
     for host, port in [("192.0.2.1", 0), ("127.0.0.1", 70000), ("no.such.host.invalid", 0)]:
         with pytest.raises(BadData, match="give another --port"):
-            server.listen(host, port)
+            server.Server(session, host, port, "abc")
 
 
 def test_a_failed_session_ends_the_server() -> None:
@@ -192,8 +169,9 @@ def test_a_failed_session_ends_the_server() -> None:
             publish(self.shown(10))
             raise BadData("the camera is gone")
 
-    with server.listen("127.0.0.1", 0) as listener, pytest.raises(BadData, match="is gone"):
-        asyncio.run(server.Server(cast(Session, Failing()), TOKEN).run(listener))
+    pages = server.Server(cast(Session, Failing()), "127.0.0.1", 0, TOKEN)
+    with pages, pytest.raises(BadData, match="is gone"):
+        pages.play(threading.Event())
 
 
 class Browser:
@@ -256,16 +234,16 @@ async def browsing(url: str, profile: Path) -> AsyncIterator[Browser]:
         process.wait(10)
 
 
-async def served(
-    session: Session, listener: socket.socket, use: Callable[[], Awaitable[None]]
-) -> None:
+async def served(pages: server.Server, use: Callable[[], Awaitable[None]]) -> None:
     """Serve a session while something is done."""
-    serving = asyncio.create_task(server.Server(session, TOKEN).run(listener))
-    try:
-        await use()
-    finally:
-        serving.cancel()
-        await asyncio.gather(serving, return_exceptions=True)
+    stop = threading.Event()
+    with pages:
+        serving = asyncio.create_task(asyncio.to_thread(pages.play, stop))
+        try:
+            await use()
+        finally:
+            stop.set()
+            await serving
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome on the PATH")
@@ -273,16 +251,17 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
     """Views arrive and change, a blackout raises the warning, and a restart is survived."""
     frames = street.clip(num_frames=70).frames.copy()
     frames[50:] = 0  # five seconds are enough for a busy machine
-    listener = server.listen("127.0.0.1", 0)
-    port = listener.getsockname()[1]
     warning = "document.getElementById('warning')"
     shown = "document.querySelectorAll('canvas')[2].toDataURL()"
 
-    def session() -> Session:
-        return Session(street_source(frames), Channel(0.1), PlannedCommands())
+    def listening(port: int) -> server.Server:
+        session = Session(street_source(frames), Channel(0.1), driver=Driver())
+        return server.Server(session, "127.0.0.1", port, TOKEN)
+
+    pages = listening(0)
 
     async def check() -> None:
-        async with browsing(server.address(listener, TOKEN), tmp_path) as browser:
+        async with browsing(pages.url, tmp_path) as browser:
 
             async def watch() -> None:
                 await browser.wait("document.querySelectorAll('canvas').length === 3")
@@ -290,6 +269,15 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
                 await browser.wait(f"{shown} !== {json.dumps(first)}")
                 await browser.wait(f"{warning}.textContent.includes('No warning')")
                 await browser.wait(f"{warning}.textContent.includes('blank')")
+                await browser.value("hold('ArrowUp', true)")
+                await browser.wait("document.getElementById('order').textContent.includes('km/h')")
+                assert pages.session.driver is not None
+                while not pages.session.driver.at(0.0):
+                    await asyncio.sleep(0.01)
+                await browser.value("hold('ArrowUp', false); element('dim').click()")
+                await browser.wait("element('dim').checked && !isSending")
+                while not pages.session.is_dimming:
+                    await asyncio.sleep(0.01)
                 assert await browser.value(f"{warning}.className") == "is-on"
                 assert await browser.value(
                     "parseFloat(document.getElementById('rate').textContent)"
@@ -302,8 +290,8 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
                 await browser.resize(400)
                 assert not await browser.value(wide)
 
-            await served(session(), listener, watch)
+            await served(pages, watch)
             await browser.wait(f"{warning}.textContent.includes('connection is lost')")
-            await served(session(), server.listen("127.0.0.1", port), watch_again)
+            await served(listening(pages.server_address[1]), watch_again)
 
     asyncio.run(check())

@@ -74,7 +74,7 @@ def test_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
 def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
     go(tmp_path / "all", content(predictors=STILL), keep="3")  # of five clips
     before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
-    rescore(before, after, stored_metrics(before), lambda done, total: None)
+    rescore(before, after, stored_metrics(before))
     assert after.protocol()["id"] == protocol_id(after.protocol())
     assert after.protocol()["id"] != before.protocol()["id"]
 

@@ -172,7 +172,6 @@ def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) ->
         Results(tmp_path / "out"),
         again,
         stored_metrics(Results(tmp_path / "out")),
-        lambda done, total: None,
     )
     assert again.clip_facts() == {"road/001": stored["road/001"]}
     assert not any(math.isnan(value) for value in stored["road/001"].values())

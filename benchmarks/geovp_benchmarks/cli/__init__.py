@@ -1,8 +1,8 @@
 """Command line `geovp COMMAND ...`, with one module per command.
 
-A module exposes `add_arguments(parser)` and `run(args, progress)`, which yields the lines to print
-and returns the exit code. Its docstring is the help of the command; the part below "Examples:" is
-printed after the options.
+A module exposes ARGUMENTS, as `add_groups` takes them, and `run(args)`, which yields the
+lines to print and returns the exit code. Its docstring is the help of the command; the part below
+"Examples:" is printed after the options.
 """
 
 import argparse
@@ -12,15 +12,16 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import metadata
 from types import ModuleType
 from typing import Any
 
 from geovp_benchmarks.cli.messages import logger, messages
+from geovp_benchmarks.cli.options import add_groups
 from geovp_benchmarks.progress import progress_bar
-from geovp_classic.errors import GeovpError
+from geovp_classic.errors import GeovpError, install_command
 
 COMMANDS = (
     "run",
@@ -81,7 +82,7 @@ def add_command(commands: Any, name: str, module: ModuleType) -> None:
         epilog=f"examples:\n{examples}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(command)
+    add_groups(command, module.ARGUMENTS)
     command.set_defaults(run=module.run, command=name)
 
 
@@ -95,12 +96,20 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         argcomplete.autocomplete(parser)
     args, rest = verbosity().parse_known_args(words)
     parser.parse_args(rest, args)
-    with messages(args.quiet, args.verbose), sigterm_as_interrupt():
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with messages(args.quiet, args.verbose):
         try:
             return print_lines(args)
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
             logger.error(textwrap.shorten(str(error), 2000))
+            return 2
+        except ModuleNotFoundError as error:
+            from geovp_classic.registry import EXTRA_OF_MODULE
+
+            if error.name not in EXTRA_OF_MODULE:
+                raise
+            logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
             return 2
         except KeyboardInterrupt:
             logger.error("interrupted: finished work is kept, rerun to continue")
@@ -114,14 +123,16 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
             return 2
+        finally:
+            signal.signal(signal.SIGTERM, previous)
 
 
 def print_lines(args: argparse.Namespace) -> int:
     """Print the lines of a command as they are ready, and return its exit code."""
     from tqdm import tqdm
 
-    with progress_bar(args.command) as progress:
-        lines = args.run(args, progress)
+    with progress_bar(args.command):
+        lines = args.run(args)
         while True:
             try:
                 tqdm.write(next(lines))  # above the bar
@@ -141,17 +152,3 @@ def open_closed_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # file names may lack a character of the terminal
             stream.reconfigure(errors="backslashreplace")
-
-
-@contextmanager
-def sigterm_as_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGTERM; restore the handler afterwards."""
-    try:
-        previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    except ValueError:  # not the main thread
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)

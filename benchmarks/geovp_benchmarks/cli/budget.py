@@ -14,32 +14,29 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
+from geovp_benchmarks.cli.options import Lines, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.tables.table_model import Table
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the method, the clips and what is replaced."""
-    add_options(parser, shared("matrix"))
-    clips = shared("--method", "--root", "--limit", "--set")
-    add_options(parser, clips, "method and clips")
-    budget = {
+ARGUMENTS = {
+    "": shared("matrix"),
+    "method and clips": shared("--method", "--root", "--limit", "--set"),
+    "budget": {
         "--stereo": "Use the depth of right images where no depth is recorded.",
         "--sensitivity": "Print the changes by constant offsets of the true poses.",
-    }
-    add_options(parser, budget, "budget")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print the tables."""
     from geovp_benchmarks.tables.formats import markdown
 
-    yield from map(markdown, tables(args, progress))
+    yield from map(markdown, tables(args))
 
 
-def tables(args: argparse.Namespace, progress: Progress) -> list[Table]:
+def tables(args: argparse.Namespace) -> list[Table]:
     """Return a table per metric."""
     from geovp_benchmarks.evaluation import error_budget
     from geovp_benchmarks.matrix import schema
@@ -49,4 +46,4 @@ def tables(args: argparse.Namespace, progress: Progress) -> list[Table]:
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
     method = error_budget.read_method(matrix, args.method, args.limit, needs)
     measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
-    return measure(method, progress)
+    return measure(method)

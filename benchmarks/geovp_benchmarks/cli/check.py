@@ -7,19 +7,17 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options
+from geovp_benchmarks.cli.options import LinesAndCode
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the component."""
-    component = {
+ARGUMENTS = {
+    "": {
         "role ROLE": "Role, such as renderers; see `geovp list`.",
         "component SPEC": "Name of a component, or its table as in TOML.",
     }
-    add_options(parser, component)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the tests that pass and those that fail."""
     from geovp_benchmarks.audit import contracts
     from geovp_classic import registry

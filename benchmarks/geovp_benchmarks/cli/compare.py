@@ -10,16 +10,13 @@ Examples:
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options
+from geovp_benchmarks.cli.options import Lines
+
+SIDE = "Results folder, or DIR:METHOD for one method."
+ARGUMENTS = {"": {"a A": SIDE, "b B": SIDE}}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add both sides."""
-    text = "Results folder, or DIR:METHOD for one method."
-    add_options(parser, {"a A": text, "b B": text})
-
-
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print what differs, and paired differences for each method."""
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.comparison import compare

@@ -10,22 +10,15 @@ Examples:
 """
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
+import contextlib
+import threading
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option
-from geovp_benchmarks.cli.predict import add_camera
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.cli.options import Lines, option
+from geovp_benchmarks.cli.predict import CAMERA
 
-if TYPE_CHECKING:
-    from geovp_benchmarks.display.session import Session
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the input, the camera, the channel, the commands and the output."""
-    text = "Video, folder of images, data set, bag, or the number of a camera."
-    add_options(parser, {"path INPUT": option(text, type=Path)})
-    images = {
+ARGUMENTS = {
+    "": {"path INPUT": "Video, folder of images, data set, bag, or the number of a camera."},
+    "input": {
         "--fps X": option(
             "Frame rate; required for a folder of images. Default: that of the video.",
             dest="rate_hz",
@@ -37,113 +30,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "WIDTHxHEIGHT, or side of a square. Default: aspect of the images, at most 480 px.",
             dest="size_px",
         ),
-    }
-    add_options(parser, images, "input")
-    add_camera(parser)
-    channel = {
-        "--latency X": option(
-            "Delay of each image in seconds, at most 10. Default: 0.5.", 0.5, dest="latency_s"
+    },
+    **CAMERA,
+    "simulated channel": {
+        "--latency S": option(
+            "Delay of each image, 0 to 10 s. Default: 0.5.", 0.5, dest="latency_s"
         ),
-        "--jitter X": option(
-            "Largest additional delay, uniformly distributed. Default: 0.", 0.0, dest="jitter_s"
+        "--jitter S": option(
+            "Largest additional delay, 0 to 10 s, uniformly distributed. Default: 0.",
+            0.0,
+            dest="jitter_s",
         ),
-        "--loss X": option("Probability that an image is lost. Default: 0.", 0.0),
-    }
-    add_options(parser, channel, "simulated channel")
-    group = parser.add_argument_group("motion", "By default, the motion is forecast.")
-    motion = {
-        "--commands FILE": "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s.",
-        "--drive": "Set speed and yaw rate on the page.",
-    }
-    add_options(group.add_mutually_exclusive_group(), motion)
-    page = {
+        "--loss P": option("Probability that an image is lost. Default: 0.", 0.0),
+    },
+    "motion, at most one of": {
+        "--commands FILE": (
+            "CSV file with the columns time_s,speed_m_s,yaw_rate_rad_s. Default: forecast."
+        ),
+        "--drive": "Set speed and yaw rate on the page. Default: forecast the motion.",
+    },
+    "page": {
         "--host ADDRESS": option(
             "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1.",
             "127.0.0.1",
         ),
-        "--port PORT": option("Port; 0: any free one. Default: 8765.", 8765, type=at_least(0)),
+        "--port NUMBER": option("Port; 0: any free one. Default: 8765.", 8765),
         "--token TEXT": (
             "Secret part of the page's address, to keep it over restarts. Default: random."
         ),
-    }
-    add_options(parser, page, "page")
-    output = {
+    },
+    "output": {
         "--dim": "Dim inpainted pixels; the page can change it.",
         "--out FILE": "Write an mp4 file, and serve no page.",
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> Lines:
     """Print the address of the page and serve it until interrupted, or write a video."""
+    import secrets
+
     from geovp_benchmarks.display.channel import Channel
-    from geovp_benchmarks.display.commands import Commands, Driver, PlannedCommands
-    from geovp_benchmarks.display.session import Session
+    from geovp_benchmarks.display.commands import Driver, read_commands
+    from geovp_benchmarks.display.server import Server
+    from geovp_benchmarks.display.session import Session, write_video
     from geovp_benchmarks.display.source import Source
     from geovp_benchmarks.predict.request import PredictionRequest
     from geovp_classic.errors import BadData
 
     if args.out is not None and args.drive:
         raise BadData("--out writes a video without a page to drive at: remove --drive")
+    source = Source.open(PredictionRequest(**vars(args)), args.sequence)
     channel = Channel(args.latency_s, args.jitter_s, args.loss)
-    commands: Commands = Driver() if args.drive else PlannedCommands()
-    if args.commands is not None:
-        commands = PlannedCommands.read(args.commands)
-    names = ("path", "rate_hz", "size_px", "intrinsics", "fov_deg", "calibration", "distortion")
-    given = {name: getattr(args, name) for name in (*names, "camera_height_m")}
-    source = Source.open(PredictionRequest(**given), args.sequence)
-    session = Session(source, channel, commands)
+    planned = [] if args.commands is None else read_commands(args.commands)
+    session = Session(source, channel, planned, Driver() if args.drive else None)
     session.is_dimming = args.dim
     if args.out is not None:
-        write_video(session, args.out, progress)
+        write_video(session, args.out)
         yield str(args.out)
-        return 0
-    yield from serve(session, args.host, args.port, args.token)
-    return 0
-
-
-def write_video(session: "Session", path: Path, progress: Progress) -> None:
-    """Write all views of a recording to an mp4 file."""
-    import importlib.util
-
-    import numpy as np
-
-    from geovp_benchmarks.display.drawing import side_by_side
-    from geovp_benchmarks.plots import video
-    from geovp_classic import registry
-    from geovp_classic.data.atomic import atomic_write
-    from geovp_classic.errors import BadData, MissingExtra
-
-    if importlib.util.find_spec("av") is None:
-        raise MissingExtra(f"--out needs PyAV: {registry.install_command('video')}")
-    if session.source.is_camera:
-        raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
-    if path.suffix != ".mp4":
-        raise BadData(f"--out is {path}, expected a file name that ends in .mp4")
-    times_s = session.source.times_s
-    views = tracked(session.render(), len(times_s), progress)
-    frames = (side_by_side(shown.panels) for shown in views)
-    with atomic_write(path) as scratch:
-        video.write_mp4(scratch, frames, 1 / float(np.median(np.diff(times_s))))
-
-
-def serve(session: "Session", host: str, port: int, token: str | None) -> LinesAndCode:
-    """Print the page's address and serve it until interrupted."""
-    import asyncio
-    import contextlib
-    import secrets
-
-    from geovp_classic import registry
-    from geovp_classic.errors import MissingExtra
-
-    try:
-        from geovp_benchmarks.display import server
-    except ImportError as error:
-        command = registry.install_command("display")
-        raise MissingExtra(f"the page needs aiohttp ({error}): {command}") from error
-    token = token or secrets.token_urlsafe()
-    listener = server.listen(host, port)
-    yield server.address(listener, token)
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(server.Server(session, token).run(listener))
-    return 0
+        return
+    with Server(session, args.host, args.port, args.token or secrets.token_urlsafe()) as server:
+        yield server.url
+        with contextlib.suppress(KeyboardInterrupt):
+            server.play(threading.Event())

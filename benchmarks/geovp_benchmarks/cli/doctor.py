@@ -11,29 +11,28 @@ Examples:
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-from typing import Any
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.cli.options import LinesAndCode
+from geovp_benchmarks.progress import tracked
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the folder and how much of it is read."""
-    text = "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
-    add_options(parser, {"root FOLDER": text})
-    datasets = {
+ARGUMENTS = {
+    "": {
+        "root FOLDER": (
+            "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
+        )
+    },
+    "data sets": {
         "--deep": "Decode all images. Default: check names and headers.",
         "--protocol NAME": (
             "Only name the KITTI archives that this protocol needs; see `geovp list protocols`."
         ),
-    }
-    add_options(parser, datasets, "data sets")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
+    from geovp_benchmarks.audit.completeness import examine_results, missing_archives, needed
     from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data import layouts
     from geovp_classic.data.doctor import Doctor
@@ -48,9 +47,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
-    diagnosis = Doctor().examine(
-        args.root, deep=args.deep, watch=lambda names: tracked(names, len(names), progress)
-    )
+    diagnosis = Doctor().examine(args.root, deep=args.deep, watch=tracked)
     rows = [list(row.values()) for row in diagnosis.rows]
     yield from grid([list(diagnosis.rows[0]), *rows])
     yield ""
@@ -60,66 +57,3 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     name, dataset = layouts.detect(args.root)
     yield from missing_archives(args.root, {"name": name}, dataset.folders())
     return int(not diagnosis.is_sound)
-
-
-def needed(protocol: str) -> tuple[dict[str, Any], list[str]]:
-    """Return the data set of a protocol, and the names of its sequences.
-
-    BadData if it is not KITTI.
-    """
-    from geovp_benchmarks.matrix import protocols
-    from geovp_classic.data import splits
-    from geovp_classic.data.windows import FrameRange
-    from geovp_classic.errors import BadData
-
-    loaded = protocols.load(protocol)
-    if loaded.dataset is None:
-        raise BadData(f"--protocol {protocol}: is measured on {loaded.data}, not on KITTI")
-    spec = dict(loaded.dataset)
-    if spec.get("split"):
-        ranges = splits.load(spec["split"])
-    else:
-        ranges = tuple(map(FrameRange.parse, spec["sequences"]))
-    return spec, [frames.sequence for frames in ranges]
-
-
-def missing_archives(root: Path, spec: dict[str, Any], sequences: Iterable[str]) -> list[str]:
-    """Return the lines about KITTI's archives that a root lacks; none for other data sets."""
-    from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.data import kitti_archives
-
-    missing = []
-    if spec["name"] == "kitti":
-        missing = kitti_archives.missing_odometry(root, sequences, spec.get("camera"))
-    elif spec["name"] == "kitti-raw":
-        missing = kitti_archives.missing_raw(root, sequences)
-    if not missing:
-        return []
-    rows = [list(archive) for archive in missing]
-    return [
-        "",
-        "missing archives of www.cvlibs.net/datasets/kitti (download them with your own account):",
-        "",
-        *grid([kitti_archives.COLUMNS, *rows]),
-        "",
-        f"unpack them so that the paths above lie in {root}",
-    ]
-
-
-def examine_results(root: Path) -> Iterator[str]:
-    """Yield which scores a results folder lacks, and its damaged files."""
-    from geovp_benchmarks.results.store import Results
-
-    results = Results(root)
-    clips = results.protocol()["clips"]
-    for name in results.protocol()["methods"]:
-        method = results.method(name)
-        stored = {clip for record in results.score_records(name) for clip in record.clips}
-        missing = [clip for clip in clips if clip not in stored]
-        if missing and (method is None or method.status != "skipped"):
-            yield (
-                f"{name}: scores of {len(missing)} of {len(clips)} clips are missing, such as "
-                f"{missing[0]}"
-            )
-    for path in results.damaged_files():
-        yield f"{path} is damaged"

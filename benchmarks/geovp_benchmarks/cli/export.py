@@ -10,21 +10,18 @@ Examples:
 import argparse
 import errno
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
+from geovp_benchmarks.cli.options import Lines, option, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results and the file."""
-    add_options(parser, shared("folder"))
-    formats = ("csv", "parquet")
-    output = {
-        "--format FORMAT": option("csv or parquet. Default: csv.", "csv", choices=formats),
+ARGUMENTS = {
+    "": shared("folder"),
+    "output": {
+        "--format csv|parquet": option("Format. Default: csv.", "csv"),
         "--out FILE": option("File for the table.", required=True),
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write the file, and print its path."""
     import duckdb
     import numpy as np

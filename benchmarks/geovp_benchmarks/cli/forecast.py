@@ -3,36 +3,34 @@
 FOLDER holds NN.txt as in KITTI odometry, and times in NN_times.txt or ../sequences/NN/times.txt.
 
 Examples:
-  geovp forecast evaluate path/to/poses
-  geovp forecast evaluate path/to/poses --sequences 03 05 --methods hold motion-prior
+  geovp forecast path/to/poses
+  geovp forecast path/to/poses --sequences 03 05 --methods hold motion-prior
 """
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, add_options, option
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.cli.options import Lines, option
+from geovp_benchmarks.progress import announce
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the windows and the forecasters."""
-    where = {
-        "action evaluate": option("Print errors and calibration.", choices=["evaluate"]),
-        "poses FOLDER": "Folder of pose files.",
-    }
-    add_options(parser, where)
-    test = ("03", "05", "06", "07", "10")
-    windows = {
-        "--sequences NN": option(f"Sequences. Default: {' '.join(test)}.", test, nargs="+"),
+ARGUMENTS = {
+    "": {"poses FOLDER": "Folder of pose files."},
+    "windows": {
+        "--sequences NN...": option(
+            "Sequences. Default: 03 05 06 07 10.", ["03", "05", "06", "07", "10"]
+        ),
         "--past N": option("Number of observed poses. Default: 10.", 10),
         "--future N": option("Number of predicted poses. Default: 20.", 20),
         "--stride N": option("Number of frames between the starts of two windows. Default: 5.", 5),
-    }
-    add_options(parser, windows, "windows")
-    text = "Names or TOML tables of forecasters, see `geovp list forecasters`. Default: all."
-    add_options(parser, {"--methods SPEC...": text}, "output")
+    },
+    "output": {
+        "--methods SPEC...": (
+            "Names or TOML tables of forecasters, see `geovp list forecasters`. Default: all."
+        )
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print a table of forecasters."""
     from geovp_benchmarks.evaluation import forecasting
     from geovp_benchmarks.tables.formats import grid
@@ -48,7 +46,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     table = {}
     for name, forecaster in forecasters.items():
         announce(name)
-        scores = forecasting.evaluate(windows, forecaster, progress)
+        scores = forecasting.evaluate(windows, forecaster)
         table[name] = forecasting.summary(scores)
     yield f"{len(windows)} windows of {', '.join(args.sequences)}\n"
     names = dict.fromkeys(name for means in table.values() for name in means)

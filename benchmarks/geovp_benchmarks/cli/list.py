@@ -11,11 +11,10 @@ Examples:
 """
 
 import argparse
-import ast
 import dataclasses
-import functools
 import importlib.util
 import inspect
+import itertools
 import json
 import re
 from contextlib import suppress
@@ -23,79 +22,60 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option
+from geovp_benchmarks.cli.options import Lines, option
 from geovp_classic.errors import GeovpError, UnknownComponent
 
+ARGUMENTS = {
+    "": {
+        "name NAME": option(
+            "Role such as renderers, name of a component, `matrices` or `protocols`. "
+            "Default: all roles.",
+            nargs="?",
+        )
+    }
+}
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the role or component."""
-    text = (
-        "Role such as renderers, name of a component, `matrices` or `protocols`. "
-        "Default: all roles."
-    )
-    add_options(parser, {"name ROLE|NAME|matrices|protocols": option(text, nargs="?")})
 
-
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print roles with their components, one component, the matrices or the protocols."""
     from geovp_benchmarks.matrix import CONFIGS, protocols
     from geovp_classic import registry
 
+    names_of = {role: registry.names(role) for role in registry.ROLES}
+    roles = [role for role, names in names_of.items() if args.name in names]
     if args.name == "matrices":
         for path in sorted(CONFIGS.glob("*.toml")):
             comment, _, _ = path.read_text("utf-8").partition("\n\n")
             yield f"{path.stem}: {first_sentence(comment.replace('#', ''))}"
-        return
-    if args.name == "protocols":
+    elif args.name == "protocols":
         yield protocols.TABLES.read_text("utf-8")
-        return
-    if args.name is None or args.name in registry.ROLES:
-        for role in [args.name] if args.name else registry.ROLES:
+    elif args.name is None or args.name in names_of:
+        for role in [args.name] if args.name else names_of:
             yield role
             for entry in sorted(metadata.entry_points(group=f"geovp.{role}")):
                 yield f"  {summary(entry)}"
-        return
-    roles = [role for role in registry.ROLES if args.name in registry.names(role)]
-    if not roles:
-        names = [name for role in registry.ROLES for name in (role, *registry.names(role))]
-        nearest = registry.nearest(args.name, ["matrices", "protocols", *names])
+    elif roles:
+        yield "\n\n".join(as_toml(role, args.name) for role in roles)
+    else:
+        words = ["matrices", "protocols", *names_of, *itertools.chain(*names_of.values())]
+        nearest = registry.nearest(args.name, words)
         raise UnknownComponent(f"there is no role or component {args.name!r}{nearest}")
-    yield "\n\n".join(as_toml(role, args.name) for role in roles)
 
 
 def summary(entry: metadata.EntryPoint) -> str:
-    """Return a component's name, package, missing package and explanation."""
-    from geovp_classic.registry import EXTRA_OF_MODULE
-
+    """Return a component's name, package and explanation."""
     text, package = entry.name, entry.dist.name if entry.dist else ""
     if package != "geovp":
         text += f" [{package}]"
-    if missing := missing_package(entry.module):
-        extra = EXTRA_OF_MODULE.get(missing)
-        text += f" (needs extra: {extra})" if extra else f" (needs {missing})"
-    for node in ast.parse(source(entry.module)).body:
-        if isinstance(node, ast.ClassDef) and node.name == entry.attr:
-            sentence = first_sentence((ast.get_docstring(node) or "").partition("\n\n")[0])
-            text += f": {sentence}" if sentence else ""
-    return text
+    docstring = re.search(
+        rf'^class {entry.attr}\b.*?"""(.*?)"""', source(entry.module), re.M | re.S
+    )
+    return f"{text}: {first_sentence(docstring[1])}" if docstring else text
 
 
 def first_sentence(text: str) -> str:
     """Return the first sentence of a text on one line, without its full stop."""
     return re.split(r"\.\s+(?=[A-Z`])", " ".join(text.split()))[0].removesuffix(".")
-
-
-@functools.cache
-def missing_package(module: str) -> str:
-    """Return the first package that a module's imports lack, "" for none; nothing is imported."""
-    for name in re.findall(r"^(?:import|from) ([\w.]+)", source(module), re.MULTILINE):
-        package = name.partition(".")[0]
-        if package == module.partition(".")[0]:
-            if missing := missing_package(name):
-                return missing
-        elif importlib.util.find_spec(package) is None:
-            return package
-    return ""
 
 
 def source(module: str) -> str:
@@ -114,7 +94,6 @@ def as_toml(role: str, name: str) -> str:
     from geovp_classic.types import PrivilegedInput
 
     kind = registry.load(role, name)
-    (entry,) = metadata.entry_points(group=f"geovp.{role}", name=name)
     component = None
     lines = [f"{name} ({role})", "", *(inspect.getdoc(kind) or "").splitlines()]
     with suppress(GeovpError):  # a required field, or missing weights
@@ -122,7 +101,7 @@ def as_toml(role: str, name: str) -> str:
         needs = getattr(component, "needs", PrivilegedInput.NONE)
         inputs = [str(flag.name).lower().replace("_", " ") for flag in needs]
         lines.append(f"privileged inputs: {', '.join(inputs) or 'none'}")
-    lines.append(f"from {entry.value} of {entry.dist.name if entry.dist else 'no package'}")
+    lines.append(f"from {kind.__module__}:{kind.__qualname__}")
     lines = [f"# {line}".rstrip() for line in lines]
     # Of these roles, a component is a table of a matrix file
     heading = f"{role}.{name}" if role in ("pose_sources", "renderers", "predictors") else ""

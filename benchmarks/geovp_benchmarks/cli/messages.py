@@ -23,19 +23,17 @@ class StandardError(logging.Handler):
 
 @contextmanager
 def messages(is_quiet: bool, is_verbose: bool) -> Iterator[None]:
-    """Print the log of our packages while a command runs."""
+    """Print the log while a command runs."""
     level = logging.ERROR if is_quiet else logging.INFO if is_verbose else logging.WARNING
-    handler = StandardError(level)
-    packages = [logging.getLogger(f"geovp_{name}") for name in ("classic", "benchmarks", "learned")]
-    for package in packages:
-        package.addHandler(handler)
-        package.setLevel(level)
+    handler, root = StandardError(level), logging.getLogger()
+    previous = root.level
+    root.addHandler(handler)
+    root.setLevel(level)
     try:
         yield
     finally:
-        for package in packages:
-            package.removeHandler(handler)
-            package.setLevel(logging.NOTSET)
+        root.removeHandler(handler)
+        root.setLevel(previous)
 
 
 def terminal_width() -> int | None:

@@ -1,14 +1,12 @@
 """Options of the commands: types by metavar, and the options that several commands share."""
 
 import argparse
-import math
 import tomllib
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.matrix import DEVICE
-from geovp_benchmarks.progress import Progress as Progress
 
 Lines = Iterator[str]  # to print
 LinesAndCode = Generator[str, None, int]  # to print; returns the exit code
@@ -49,26 +47,39 @@ SHARED: dict[str, Any] = {
 
 def shared(*names: str) -> dict[str, Any]:
     """Return arguments that several commands share."""
-    spellings = {spelling.partition(" ")[0]: spelling for spelling in SHARED}
-    return {spellings[name]: SHARED[spellings[name]] for name in names}
+    return {key: value for key, value in SHARED.items() if key.partition(" ")[0] in names}
 
 
-def add_options(
-    parser: argparse._ActionsContainer, options: Mapping[str, Any], title: str = ""
-) -> None:
-    """Add arguments, in a group if there is a title.
+SELECTION = shared("--methods", "--metrics", "--by", "--against")
+
+
+def add_groups(parser: argparse.ArgumentParser, groups: Mapping[str, Mapping[str, Any]]) -> None:
+    """Add arguments by the titles of their groups; a title may end in "at most one of"."""
+    for title, options in groups.items():
+        group = parser.add_argument_group(title) if title else parser
+        if title.endswith("at most one of"):
+            group = group.add_mutually_exclusive_group()
+        add_options(group, options)
+
+
+def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -> None:
+    """Add arguments.
 
     The key is the name with a metavar, from which the type follows; METHOD... takes several values,
-    and an option without a metavar none. The value is the help, or the result of `option`.
+    A|B one of two, and an option without a metavar none. The value is the help, or the result of
+    `option`.
     """
-    group = parser.add_argument_group(title) if title else parser
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
         "FILE": Path,
         "FOLDER": Path,
+        "INPUT": Path,
         "MATRIX": Path,
-        "N": at_least(1),
+        "N": number(1),
+        "NUMBER": number(0),
+        "P": number(0, 1, float),
+        "S": number(0, 10, float),
         "SIZE": size_px,
         "SPEC": spec,
         "WORKERS": executor,
@@ -79,7 +90,9 @@ def add_options(
         settings = option(about) if isinstance(about, str) else about
         if metavar.endswith("..."):
             metavar = metavar.removesuffix("...")
-            settings = {**settings, "default": (), "nargs": "+"}
+            settings = {"nargs": "+", **settings, "default": settings["default"] or ()}
+        if "|" in metavar:
+            settings = {"choices": metavar.split("|"), **settings}
         if metavar:
             settings = {"type": types.get(metavar, str), "metavar": metavar, **settings}
         else:
@@ -87,18 +100,18 @@ def add_options(
         group.add_argument(name, **settings)
 
 
-def at_least(minimum: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
-    """Return the type of an argument: a finite number of at least `minimum`."""
+def number(
+    low: float, high: float = 1e9, kind: type[int] | type[float] = int
+) -> Callable[[str], Any]:
+    """Return the type of an argument: a number from `low` to `high`."""
 
-    def number(text: str) -> int | float:
+    def parse(text: str) -> int | float:
         value = kind(text)
-        if not minimum <= value < math.inf:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a {'whole ' * (kind is int)}number of {minimum} or more"
-            )
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not from {low:g} to {high:g}")
         return value
 
-    return number
+    return parse
 
 
 def device(text: str) -> str:
@@ -112,9 +125,7 @@ def executor(text: str) -> dict[str, Any]:
     """Return the table of an executor for a number of processes or the address of a scheduler."""
     if ":" in text:
         return {"name": "dask", "address": text}
-    return (
-        {"name": "serial"} if text == "1" else {"name": "processes", "workers": at_least(1)(text)}
-    )
+    return {"name": "serial"} if text == "1" else {"name": "processes", "workers": number(1)(text)}
 
 
 def spec(text: str) -> dict[str, Any] | str:
@@ -130,5 +141,5 @@ def spec(text: str) -> dict[str, Any] | str:
 def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
     width, _, height = text.partition("x")
-    side_px = at_least(1)
+    side_px = number(1)
     return side_px(width), side_px(height or width)

@@ -5,43 +5,27 @@ Examples:
   geovp plot results/demo --methods copy-last "vo+prior + fusion" --metrics psnr
   geovp plot results/demo --against copy-last
   geovp plot results/demo --by turning
-  geovp plot results/demo --format pdf --width 3.3in
+  geovp plot results/demo --format pdf --width 3.3
 """
 
 import argparse
-import re
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, number, option, shared
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, what is shown of them, and the files."""
-    add_options(parser, shared("folder"))
-    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
-    formats = ("pdf", "svg", "png")
-    output = {
-        "--format FORMAT": option("pdf, svg or png. Default: png and svg.", choices=formats),
-        "--width LENGTH": option(
-            "Width in a paper, such as 3.3in, 84mm or 240pt, without titles. Default: with titles.",
-            type=length_in,
+ARGUMENTS = {
+    "": shared("folder"),
+    "selection": SELECTION,
+    "output": {
+        "--format pdf|svg|png": "Format. Default: png and svg.",
+        "--width INCHES": option(
+            "Width in a paper, at least 2.5, without titles. Default: with titles.",
+            type=number(2.5, kind=float),
         ),
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
-def length_in(text: str) -> float:
-    """Parse a length such as "3.3in", "84mm" or "240pt" into inches."""
-    units_in = {"in": 1.0, "cm": 1 / 2.54, "mm": 1 / 25.4, "pt": 1 / 72.27, "": 1.0}
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)", text)
-    if not match or match[2] not in units_in:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length such as 3.3in or 84mm")
-    length = float(match[1]) * units_in[match[2]]
-    if length < 2.5:
-        raise argparse.ArgumentTypeError(f"{text} is too narrow for labels: give 2.5in or more")
-    return length
-
-
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write the figures, and print their paths."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.results.store import Results
@@ -49,5 +33,5 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
     formats = (args.format,) if args.format else ()
     options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
     results = Results(args.folder).select(*args.methods)
-    for _, paths in plots.write_all(results, options, progress):
+    for _, paths in plots.write_all(results, options):
         yield from map(str, paths)

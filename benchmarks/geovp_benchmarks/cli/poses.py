@@ -13,19 +13,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, at_least, option
+from geovp_benchmarks.cli.options import Lines, number, option
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the frames, the odometry and the output."""
-    where = {
+ARGUMENTS = {
+    "": {
         "root SPEC": (
             'Folder of a data set, ROS bag, or its table as in TOML: {root = "...", camera = 0}.'
         ),
         "frames FRAMES...": "Sequences or parts of them, such as 03 or 03[0:360).",
-    }
-    add_options(parser, where)
-    odometry = {
+    },
+    "odometry": {
         "--odometry SPEC": option(
             "Name or TOML table of a component, see `geovp list odometries`. Default: monocular.",
             "monocular",
@@ -33,32 +30,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--clips N": option(
             "Print median errors of clips of N frames; odometries that work on clips only, such as "
             "`recorded`, need it. Default: track whole sequences.",
-            type=at_least(3),
+            type=number(3),
         ),
-    }
-    add_options(parser, odometry, "odometry")
-    folder = Path("results/poses")
-    output = {"--out DIR": option(f"Folder for the results. Default: {folder}.", folder)}
-    add_options(parser, output, "output")
+    },
+    "output": {
+        "--out DIR": option("Folder for the results. Default: results/poses.", "results/poses")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.data import layouts
+    from geovp_classic.data import layouts, pose_files
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
     data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
     if args.clips is not None:
         data = {"stride": 5, "size_px": [256, 256], **data}
-        for name, paths in track_clips(data, args.frames, args.odometry, args.clips, progress):
+        for name, paths in track_clips(data, args.frames, args.odometry, args.clips):
             is_tracked = sum(path.tracked.mean() for path in paths) / len(paths)
             yield f"{name}: {len(paths)} clips, {is_tracked:.1%} of frames tracked"
             yield from grid(error_table(paths))
         return
-    for frames, path in track_sequences(data, args.frames, args.odometry, progress):
+    for frames, path in track_sequences(data, args.frames, args.odometry):
         yield f"{frames}: {path.tracked.mean():.1%} of frames tracked"
         yield from grid(error_table([path]))
         stem = f"{frames.sequence}-{frames.first:06d}-{frames.last:06d}"
-        yield from map(str, path.write(args.out, stem))
+        yield from map(str, pose_files.write_both(args.out, stem, path.estimate))

@@ -9,60 +9,15 @@ Examples:
 """
 
 import argparse
-import dataclasses
 import sys
 from pathlib import Path
 
 from geovp_benchmarks.cli.messages import logger
-from geovp_benchmarks.cli.options import Lines, add_options, at_least, option, shared
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.cli.options import Lines, number, option, shared
+from geovp_benchmarks.progress import announce, report
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the input, the camera, the prediction and the output."""
-    add_options(parser, {"path INPUT": option("Video, folder of images, or ROS bag.", type=Path)})
-    frames = {
-        "--topic NAME": "Image topic of a bag. Default: the only one.",
-        "--fps X": option(
-            "Frame rate; required for a folder. Default: that of the video or bag.", dest="rate_hz"
-        ),
-        "--first NUMBER": option(
-            "Number of the first observed frame. Default: the latest possible.", type=int
-        ),
-        "--past N": option(
-            "Number of observed frames. Default: 10.", 10, dest="num_past", type=at_least(2)
-        ),
-        "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
-        "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
-    }
-    add_options(parser, frames, "input")
-    add_camera(parser)
-    components = "Name or TOML table of a {}, see `geovp list`. Default: {}."
-    prediction = {
-        "--future N": option("Number of predicted frames. Default: 20.", 20, dest="num_future"),
-        "--samples N": option("Number of sampled futures. Default: 1.", 1, dest="num_samples"),
-        "--pose-source SPEC": components.format("pose-source", "refined"),
-        "--renderer SPEC": components.format("renderer", "depth-fusion"),
-        "--predictor SPEC": components.format("predictor", "geometric"),
-        "--matrix MATRIX": "Matrix of --method. Default: use the components above.",
-        **shared("--method", "--device"),
-    }
-    add_options(parser, prediction, "prediction")
-    output = {
-        "--size SIZE": option(
-            "WIDTHxHEIGHT, or side of a square. Default: aspect of the video, at most 640 px.",
-            dest="size_px",
-        ),
-        "--out DIR": "Folder for the results. Default: results/predict/NAME-FIRST.",
-    }
-    add_options(parser, output, "output")
-
-
-def add_camera(parser: argparse.ArgumentParser) -> None:
-    """Add the intrinsics and the height of the camera."""
-    text = "Give at most one of --intrinsics, --fov and --calibration."
-    group = parser.add_argument_group("camera", text)
-    source = {
+CAMERA = {
+    "camera, at most one of": {
         "--intrinsics X": option(
             "FX FY CX CY in pixels of the stored images. Default: estimated from the motion.",
             nargs=4,
@@ -70,24 +25,56 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
         "--fov X": option(
             "Horizontal field of view in degrees. Default: estimated from the motion.",
             dest="fov_deg",
-            type=at_least(1, float),
+            type=number(1, kind=float),
         ),
         "--calibration FILE": "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file.",
-    }
-    add_options(group.add_mutually_exclusive_group(), source)
-    mounting = {
-        "--distortion X": option(
-            "OpenCV coefficients k1 k2 [p1 p2 [k3 [k4 k5 k6]]]. Default: no distortion.", nargs="+"
+    },
+    "camera": {
+        "--distortion X...": (
+            "OpenCV coefficients k1 k2 [p1 p2 [k3 [k4 k5 k6]]]. Default: no distortion."
         ),
         "--camera-height X": option(
             "Height above the road in metres, for metric results. Default: unknown.",
             dest="camera_height_m",
         ),
-    }
-    add_options(group, mounting)
+    },
+}
+COMPONENT = "Name or TOML table of a {}, see `geovp list`. Default: {}."
+ARGUMENTS = {
+    "": {"path INPUT": "Video, folder of images, or ROS bag."},
+    "input": {
+        "--topic NAME": "Image topic of a bag. Default: the only one.",
+        "--fps X": option(
+            "Frame rate; required for a folder. Default: that of the video or bag.", dest="rate_hz"
+        ),
+        "--first NUMBER": "Number of the first observed frame. Default: the latest possible.",
+        "--past N": option(
+            "Number of observed frames. Default: 10.", 10, dest="num_past", type=number(2)
+        ),
+        "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
+        "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
+    },
+    **CAMERA,
+    "prediction": {
+        "--future N": option("Number of predicted frames. Default: 20.", 20, dest="num_future"),
+        "--samples N": option("Number of sampled futures. Default: 1.", 1, dest="num_samples"),
+        "--pose-source SPEC": COMPONENT.format("pose-source", "refined"),
+        "--renderer SPEC": COMPONENT.format("renderer", "depth-fusion"),
+        "--predictor SPEC": COMPONENT.format("predictor", "geometric"),
+        "--matrix MATRIX": "Matrix of --method. Default: use the components above.",
+        **shared("--method", "--device"),
+    },
+    "output": {
+        "--size SIZE": option(
+            "WIDTHxHEIGHT, or side of a square. Default: aspect of the video, at most 640 px.",
+            dest="size_px",
+        ),
+        "--out DIR": "Folder for the results. Default: results/predict/NAME-FIRST.",
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Predict, write all files and print their paths."""
     from geovp_benchmarks.predict import exports, prediction
     from geovp_benchmarks.predict.request import PredictionRequest
@@ -95,10 +82,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Lines:
 
     if args.out is not None:
         exports.check_free(args.out)
-    names = [field.name for field in dataclasses.fields(PredictionRequest)]
-    request = PredictionRequest(**{name: getattr(args, name) for name in names})
-    progress(0, 6)
-    predicted = prediction.predict(request)
+    report(0, 6)
+    predicted = prediction.predict(PredictionRequest(**vars(args)))
     announce("writing files", 1)
     name = f"{args.path.resolve().stem}-{predicted.first:06d}"
     folder = args.out or Path("results/predict", name)

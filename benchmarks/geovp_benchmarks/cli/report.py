@@ -8,21 +8,17 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, shared
+
+ARGUMENTS = {"": shared("folder"), "selection": SELECTION}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results and what is shown of them."""
-    add_options(parser, shared("folder"))
-    add_options(parser, shared("--methods", "--metrics", "--by", "--against"), "selection")
-
-
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Write figures and report, and print the path of the report."""
     from geovp_benchmarks import plots, report
     from geovp_benchmarks.results.store import Results
 
     options = plots.Options(args.metrics, args.by, args.against)
     results = Results(args.folder).select(*args.methods)
-    report.write(results, options, progress)
+    report.write(results, options)
     yield str(results.report)

@@ -9,20 +9,20 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, Progress, add_options, shared
+from geovp_benchmarks.cli.options import LinesAndCode, shared
 from geovp_classic.errors import BadData
 
+ARGUMENTS = {
+    "": shared("folder"),
+    "metrics": {
+        "--matrix MATRIX": "Matrix with the metrics. Default: those of the results.",
+        **shared("--device"),
+    },
+    "output": {"--out DIR": "Folder for the results. Default: DIR-rescored."},
+}
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, the metrics and the output."""
-    add_options(parser, shared("folder"))
-    matrix = {"--matrix MATRIX": "Matrix with the metrics. Default: those of the results."}
-    add_options(parser, matrix | shared("--device"), "metrics")
-    folder = {"--out DIR": "Folder for the results. Default: DIR-rescored."}
-    add_options(parser, folder, "output")
 
-
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Write a results folder of the kept clips, and print its table."""
     from geovp_benchmarks.cli.run import conclude
     from geovp_benchmarks.matrix import schema
@@ -38,9 +38,10 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     results = Results(args.folder)
     matrix = schema.read(args.matrix) if args.matrix else None
     with on_device(args.device or (matrix.device if matrix else None)):
-        metrics = stored_metrics(results)
-        if matrix is not None:
+        if matrix is None:
+            metrics = stored_metrics(results)
+        else:
             size_px = results.protocol()["size_px"]
             metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
-    methods = rescore(results, output, metrics, progress)
-    return (yield from conclude(output, methods))
+    rescore(results, output, metrics)
+    return (yield from conclude(output))

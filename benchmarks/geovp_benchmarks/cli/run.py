@@ -18,32 +18,34 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, shared
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.cli.options import LinesAndCode, shared
+from geovp_benchmarks.progress import announce
 
 if TYPE_CHECKING:
+    from geovp_benchmarks.matrix.schema import Matrix
     from geovp_benchmarks.results.store import Method, Results
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the matrix, its changes, and how it is computed."""
-    add_options(parser, shared("matrix"))
-    add_options(parser, shared("--root", "--limit", "--methods", "--set"), "matrix")
-    execution = {
+ARGUMENTS = {
+    "": shared("matrix"),
+    "matrix": {
+        **shared("--root", "--limit", "--methods", "--set"),
+        "--samples N": "Largest number of sampled futures. Default: those of the matrix.",
+    },
+    "execution": {
         **shared("--workers", "--device"),
         "--fresh": "Recompute results of other versions of the code.",
         "--dry-run": "Print what would be computed, with time and size, only.",
-    }
-    add_options(parser, execution, "execution")
-    output = {
+    },
+    "output": {
         **shared("--keep"),
         "--out DIR": "Folder for the results. Default: results/MATRIX.",
         "--no-report": "Write no plots and no report.",
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Compute what is missing, and write and print the tables."""
     announce("starting")
     from geovp_benchmarks.matrix import schema
@@ -53,31 +55,50 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
 
-    matrix = schema.read(args.matrix, args.set).select(*args.methods)
-    matrix = matrix.override(root=args.root, device=args.device)
-    results = Results(args.out or Path("results") / args.matrix.stem)
+    matrix = with_max_samples(schema.read(args.matrix, args.set), args.samples)
+    matrix = matrix.select(*args.methods).override(root=args.root, device=args.device)
+    results = Results(folder(args))
     options = Options(args.limit, args.keep, args.fresh)
     if args.dry_run:
         yield from dry_run(matrix, results, options, args.workers.get("workers", 1))
         return 0
     executor = registry.build("executors", args.workers)
-    methods = run_matrix(matrix, results, options, executor, progress)
-    return (yield from conclude(results, methods, None if args.no_report else progress))
+    run_matrix(matrix, results, options, executor)
+    return (yield from conclude(results, has_report=not args.no_report))
 
 
-def conclude(
-    results: Results, methods: Sequence[Method], progress: Progress | None = None
-) -> LinesAndCode:
-    """Write tables, and with a progress the report; yield the main table and return the code."""
+def folder(args: argparse.Namespace) -> Path:
+    """Return the folder for the results."""
+    return args.out or Path("results") / args.matrix.stem
+
+
+def with_max_samples(matrix: Matrix, max_samples: int | None) -> Matrix:
+    """Return the matrix with at most this many samples of each method, if a number is given."""
+    if max_samples is None:
+        return matrix
+    entries = {
+        role: {
+            name: entry.model_copy(
+                update={"num_samples": min(max_samples, entry.num_samples or matrix.num_samples)}
+            )
+            for name, entry in getattr(matrix, role).items()
+        }
+        for role in ("pose_sources", "predictors")
+    }
+    return matrix.model_copy(update=entries)
+
+
+def conclude(results: Results, *, has_report: bool = False) -> LinesAndCode:
+    """Write tables, and a report if asked; yield the main table and return the code."""
     from geovp_benchmarks.tables import formats, tables
 
-    built = tables.build(results)
+    built, methods = tables.build(results), results.methods()
     formats.write_all(results, built)
     lines = [formats.markdown(built[0], terminal_width()), f"tables: {results.tables}"]
-    if progress is not None and any(method.num_clips for method in methods):
+    if has_report and any(method.num_clips for method in methods):
         from geovp_benchmarks import plots, report  # Matplotlib takes long to import
 
-        report.write(results, plots.Options(), progress)  # also if nobody reads the lines
+        report.write(results, plots.Options())  # also if nobody reads the lines
         lines += [f"plots:  {results.plots}", f"report: {results.report}"]
     yield from lines
     return exit_code(methods)

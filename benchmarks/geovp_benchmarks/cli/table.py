@@ -15,37 +15,32 @@ import os
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import Lines, Progress, add_options, option, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables.table_model import Table
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, what is shown of them, and the output."""
-    add_options(parser, shared("folder"))
-    selection = {
-        **shared("--methods", "--metrics", "--by", "--against"),
+ARGUMENTS = {
+    "": shared("folder"),
+    "selection": {
+        **SELECTION,
         "--strict": "Leave out clips on which a method failed.",
         "--paper NAME": "Layout of a paper, next to its numbers, such as fvs20. Default: ours.",
-    }
-    add_options(parser, selection, "selection")
-    formats, spreads = ("md", "tex", "csv"), ("interval", "standard-error")
-    output = {
-        "--format FORMAT": option("md, tex or csv. Default: md.", "md", choices=formats),
-        "--spread SPREAD": option(
-            "interval or standard-error of each mean. Default: interval.",
-            "interval",
-            choices=spreads,
+    },
+    "output": {
+        "--format md|tex|csv": option("Format. Default: md.", "md"),
+        "--spread interval|standard-error": option(
+            "Uncertainty of each mean. Default: interval.", "interval"
         ),
         "--label NAME": option("Label of the first LaTeX table. Default: tab:TABLE.", ""),
         "--caption TEXT": option("Caption of the first LaTeX table. Default: its title.", ""),
-    }
-    add_options(parser, output, "output")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Lines:
+def run(args: argparse.Namespace) -> Lines:
     """Print the tables; write them if nothing was selected."""
     # starting threads and looking for plug-ins take a tenth of the time of a table
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -9,27 +9,25 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import LinesAndCode, add_options, at_least, option, shared
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.cli.options import LinesAndCode, number, option, shared
+from geovp_benchmarks.progress import tracked
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the results, the sample and the tolerance."""
-    add_options(parser, shared("folder"))
-    sample = {
+ARGUMENTS = {
+    "": shared("folder"),
+    "sample": {
         **shared("--root"),
         "--pairs N": option("Number of (method, clip) pairs. Default: 8.", 8),
-        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=at_least(0)),
+        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=number(0)),
         "--tolerance X": option(
             "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
             1e-4,
-            type=at_least(0, float),
+            type=number(0, kind=float),
         ),
-    }
-    add_options(parser, sample, "sample")
+    },
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
+def run(args: argparse.Namespace) -> LinesAndCode:
     """Print a line per pair; return 0 if all metrics of all pairs are reproduced."""
     from geovp_benchmarks.audit import verification
     from geovp_benchmarks.results.store import Results
@@ -38,7 +36,7 @@ def run(args: argparse.Namespace, progress: Progress) -> LinesAndCode:
     pairs = verification.sample(results, args.pairs, args.seed, args.root)
     good = 0
     unavailable: dict[str, str] = {}
-    for pair in tracked(pairs, len(pairs), progress):
+    for pair in tracked(pairs):
         verdict = verification.verify(pair, args.root, args.tolerance)
         yield verdict.sentence
         good += verdict.is_reproduced

@@ -1,15 +1,22 @@
-"""Drawings in images: the planned path, inpainted pixels, warnings, and panels side by side."""
+"""Drawings in images: the planned path, inpainted pixels and warnings."""
 
 import textwrap
 
 import cv2
 import numpy as np
 
-from geovp_benchmarks.plots.video import labelled
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
+from geovp_classic.streaming import LiveView
+from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 PATH_RGB = (64, 220, 120)
 WARNING_RGB = (200, 30, 30)
+
+
+def draw_view(view: LiveView, is_dimming: bool) -> ByteArray:
+    """Return the frame of a view [H, W, 3] with its path, and darker inpainted pixels if asked."""
+    brightness = np.where(view.covered, 1.0, 0.4)[..., None] if is_dimming else 1.0
+    frame = (view.frame * brightness).astype(np.uint8)
+    return draw_path(frame, view.path_px, view.path_sides_px)
 
 
 def draw_path(
@@ -32,34 +39,20 @@ def draw_path(
     return cv2.polylines(drawn, [_pixels(line)], False, PATH_RGB, 2, cv2.LINE_AA)
 
 
-def dim_inpainted(frame: ByteArray, covered: BoolArray, brightness: float = 0.4) -> ByteArray:
-    """Return the frame [H, W, 3] with darker inpainted pixels."""
-    factor = np.where(covered, 1.0, brightness)[..., None]
-    return (frame * factor).astype(np.uint8)
-
-
 def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
     drawn = np.ascontiguousarray(frame).copy()
     height_px, width_px = drawn.shape[:2]
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.35, min(1.0, height_px / 400))
-    text = f"WARNING: {warning}"
-    (text_px, line_px), _ = cv2.getTextSize(text, font, scale, 1)
-    characters = int((width_px - 20) * len(text) / text_px)
-    lines = textwrap.wrap(text, max(8, characters))
-    step_px = line_px + 6
+    scale = max(0.35, min(1.0, height_px / 400))
+    lines = textwrap.wrap(f"WARNING: {warning}", int(width_px / (20 * scale)))  # 20 px a letter
+    step_px = int(28 * scale)
     bottom_px = step_px * len(lines) + 4
     cv2.rectangle(drawn, (0, 0), (width_px - 1, bottom_px), WARNING_RGB, cv2.FILLED)
     cv2.rectangle(drawn, (0, 0), (width_px - 1, height_px - 1), WARNING_RGB, 4)
     for number, line in enumerate(lines, 1):
-        corner_px = (6, step_px * number - 2)
+        corner_px, font = (6, step_px * number - 2), cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(drawn, line, corner_px, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
-
-
-def side_by_side(panels: dict[str, ByteArray]) -> ByteArray:
-    """Return the panels [H, W, 3] in a row [H, N W, 3], labelled with their names."""
-    return np.concatenate([labelled(frame, name) for name, frame in panels.items()], axis=1)
 
 
 def _pixels(points_px: FloatArray) -> IntArray:

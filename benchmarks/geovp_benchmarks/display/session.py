@@ -3,19 +3,23 @@
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from geovp_benchmarks.display import drawing
 from geovp_benchmarks.display.channel import Channel, InFlight, Sent
-from geovp_benchmarks.display.commands import Commands, Driver
+from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.source import Source
-from geovp_classic.errors import Incompatible
-from geovp_classic.streaming import LivePredictor, LiveView
+from geovp_benchmarks.plots.video import labelled, write_mp4
+from geovp_benchmarks.progress import tracked
+from geovp_classic.data.atomic import atomic_write
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray
 
 TICK_S = 0.04  # between two views of a driver
@@ -36,17 +40,21 @@ class Shown:
 class Session:
     """The state of a display: images on their way, the predictor, and how its views are drawn."""
 
-    def __init__(self, source: Source, channel: Channel, commands: Commands) -> None:
-        """Check the source and the commands.
-
-        Raise Incompatible for commands without the camera's height.
-        """
+    def __init__(
+        self,
+        source: Source,
+        channel: Channel,
+        planned: Sequence[Command] = (),  # with the times of the recording
+        driver: Driver | None = None,
+    ) -> None:
+        """Check the source; raise Incompatible for commands without the camera's height."""
         self.source = source
         self.channel = channel
-        self.commands = commands
+        self.planned = planned
+        self.driver = driver
         self.is_dimming = False  # of inpainted pixels
         height_m = source.recording.camera_height_m
-        if height_m is None and (isinstance(commands, Driver) or commands.at(0.0)):
+        if height_m is None and (planned or driver is not None):
             raise Incompatible(
                 "commands are in metres, but the scale is unknown: give --camera-height"
             )
@@ -55,14 +63,13 @@ class Session:
 
     def render(self) -> Iterator[Shown]:
         """Yield a view of each frame of a recording, as fast as possible."""
-        for step, (time_s, now_s) in enumerate(
-            zip(self.source.times_s, self.source.due_s(), strict=True)
-        ):
+        times_s, due_s = self.source.times_s, self.source.due_s()
+        for step in tracked(range(len(times_s))):
             frame = self.source.read(step)
-            self._in_flight.send(step, frame, time_s, now_s)
-            for sent in self._in_flight.receive(now_s):
+            self._in_flight.send(step, frame, times_s[step], due_s[step])
+            for sent in self._in_flight.receive(due_s[step]):
                 self._push(sent)
-            yield self.draw_present(time_s, frame)
+            yield self.draw_present(times_s[step], frame)
 
     def run(self, publish: Publish, stop: threading.Event) -> None:
         """Show views on the wall clock until `stop` is set; a recording starts again at its end.
@@ -72,48 +79,38 @@ class Session:
         play = self._capture if self.source.is_camera else self._replay
         while not stop.is_set():
             self._restart()
-            with self._pushing(stop):
-                play(publish, stop)
+            is_done = threading.Event()
+            with ThreadPoolExecutor(1) as pool:
+                pushing = pool.submit(self._push_arrivals, is_done, stop)
+                try:
+                    play(publish, stop)
+                finally:
+                    is_done.set()
+            pushing.result()
 
     def draw_present(self, now_s: float, true: ByteArray | None) -> Shown:
         """Predict the present and draw it next to the late image and the true present."""
-        late = self._late
+        commands = self.planned if self.driver is None else self.driver.at(now_s)
+        warning: str | None = "no image has arrived since the start"
+        confidence, late = 0.0, self._late
         if late is None:
-            black = np.zeros((*self.source.size_px[::-1], 3), np.uint8)
-            return self._shown(black, true, None, "no image has arrived yet")
-        age_s = now_s - late.time_s
-        try:
-            view = self.live.view(now_s, self.commands.at(now_s))
-        except Incompatible:  # while a push restarts
-            return self._shown(late.frame, true, age_s, "the images were interrupted: restarting")
-        warning = view.warning
-        if warning is None and min(age_s, view.age_s) < 0:
-            warning = "the clock jumped: the newest image is from the future"
-        return self._shown(late.frame, true, age_s, warning, view)
-
-    def _draw(self, view: LiveView) -> ByteArray:
-        frame = view.frame
-        if self.is_dimming:
-            frame = drawing.dim_inpainted(frame, view.covered)
-        return drawing.draw_path(frame, view.path_px, view.path_sides_px)
-
-    def _shown(
-        self,
-        late: ByteArray,
-        true: ByteArray | None,
-        age_s: float | None,
-        warning: str | None,
-        view: LiveView | None = None,
-    ) -> Shown:
-        age = "" if age_s is None else f", {age_s:.2f} s old"
-        panels, confidence = {f"late image{age}": late}, 0.0
+            panels = {"late image": np.zeros((*self.source.size_px[::-1], 3), np.uint8)}
+        else:
+            panels = {f"late image, {now_s - late.time_s:.2f} s old": late.frame}
+        with suppress(Incompatible):  # before the first image, and while a push restarts
+            view = self.live.view(now_s, commands)
+            warning = view.warning
+            if warning is None and view.age_s < 0:
+                warning = "the clock jumped: the newest image is from the future"
+            if warning is None:
+                confidence = view.confidence
+                panels["predicted present"] = drawing.draw_view(view, self.is_dimming)
         if warning is not None:
-            panels["late image, not predicted"] = drawing.draw_warning(late, warning)
-        elif view is not None:
-            panels["predicted present"] = self._draw(view)
-            confidence = view.confidence
+            (frame,) = panels.values()
+            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
         if true is not None:
             panels["true present"] = true
+        age_s = None if late is None else now_s - late.time_s
         return Shown(panels, warning, age_s, confidence, self.is_dimming)
 
     def _restart(self) -> None:
@@ -129,7 +126,7 @@ class Session:
     def _replay(self, publish: Publish, stop: threading.Event) -> None:
         """Replay a recording once, with a view of each frame, or more often for a driver."""
         times_s, due_s = self.source.times_s, self.source.due_s()
-        is_driven = isinstance(self.commands, Driver)
+        is_driven = self.driver is not None
         step = -1
         while not stop.is_set():
             elapsed_s = self._elapsed_s()
@@ -162,27 +159,31 @@ class Session:
         if self.live.push(sent.frame, sent.time_s).status != "late":
             self._late = sent
 
-    @contextmanager
-    def _pushing(self, stop: threading.Event) -> Iterator[None]:
-        """Push arriving images in a thread; its exception sets `stop` and is raised at the end."""
-        is_done = threading.Event()
+    def _push_arrivals(self, is_done: threading.Event, stop: threading.Event) -> None:
+        """Push images as they arrive; those that waited for the predictor are dropped.
 
-        def push() -> None:
-            try:
-                while not is_done.is_set():
-                    arrived = self._in_flight.receive(self._elapsed_s())
-                    if arrived:  # those that waited for the predictor are dropped
-                        self._push(max(arrived, key=lambda sent: sent.number))
-                    else:
-                        is_done.wait(0.005)
-            except BaseException:
-                stop.set()
-                raise
+        An exception sets `stop`.
+        """
+        try:
+            while not is_done.is_set():
+                arrived = self._in_flight.receive(self._elapsed_s())
+                if arrived:
+                    self._push(max(arrived, key=lambda sent: sent.number))
+                else:
+                    is_done.wait(0.005)
+        except BaseException:
+            stop.set()
+            raise
 
-        with ThreadPoolExecutor(1) as pool:
-            pushing = pool.submit(push)
-            try:
-                yield
-            finally:
-                is_done.set()
-            pushing.result()
+
+def write_video(session: Session, path: Path) -> None:
+    """Write all views of a recording side by side to an mp4 file."""
+    if session.source.is_camera:
+        raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
+    frames = (
+        np.concatenate([labelled(frame, name) for name, frame in shown.panels.items()], axis=1)
+        for shown in session.render()
+    )
+    rate_hz = 1 / float(np.median(np.diff(session.source.times_s)))
+    with atomic_write(path) as scratch:
+        write_mp4(scratch, frames, rate_hz)

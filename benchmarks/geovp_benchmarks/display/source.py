@@ -12,35 +12,13 @@ from geovp_benchmarks.predict.prediction import read_recording
 from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic import registry
 from geovp_classic.data import layouts
+from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 DISPLAY_WIDTH_PX = 480  # about 6 pushed frames per second on two cores
-
-
-class CameraFrames:
-    """The images of a camera at this computer; each read waits for the next one."""
-
-    def __init__(self, number: int) -> None:
-        """Open a camera; BadData if there is none with this number."""
-        self.number = number
-        self._capture = cv2.VideoCapture(number)
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older images would only add delay
-
-    def __len__(self) -> int:
-        return 1
-
-    def read(self, index: int = 0) -> ByteArray:
-        """Return the next image [H, W, 3]; BadData if the camera delivers none."""
-        is_read, image = self._capture.read()
-        if not is_read:
-            raise BadData(
-                f"camera {self.number} delivers no images: check that it is connected and that no "
-                "other program uses it, or give another number"
-            )
-        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 @dataclass(frozen=True)
@@ -107,14 +85,24 @@ def _camera(request: PredictionRequest) -> Recording:
     """Return a recording of one frame, which is always the next image of a camera."""
     if request.fov_deg is None and request.intrinsics is None and request.calibration is None:
         raise BadData("a camera needs its intrinsics: give --fov, --calibration or --intrinsics")
-    frames = CameraFrames(int(request.path.name))
-    height_px, width_px = frames.read().shape[:2]
-    placeholder = Intrinsics(width_px, width_px, 0.0, 0.0, width_px, height_px)
+    capture = cv2.VideoCapture(int(request.path.name))
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older images would only add delay
+
+    def read(path: Path) -> ByteArray:
+        is_read, image = capture.read()
+        if not is_read:
+            raise BadData(
+                f"camera {path} delivers no images: check that it is connected and that no other "
+                "program uses it, or give another number"
+            )
+        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+    height_px, width_px = read(request.path).shape[:2]
     recording = Recording(
-        f"camera {frames.number}",
-        frames,
+        f"camera {request.path}",
+        FrameFiles((request.path,), ((width_px, height_px),), read),
         np.zeros(1),
-        placeholder,
+        Intrinsics(width_px, width_px, 0.0, 0.0, width_px, height_px),  # a placeholder
         camera_height_m=request.camera_height_m,
     )
     return find_camera(recording, None, 1, request)[1]

@@ -10,7 +10,7 @@ from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic import registry
@@ -51,7 +51,6 @@ class Method:
         pairs: Pairs,
         levels: Mapping[str, Any],  # variants
         prepare: Callable[[Clip], Predict],
-        progress: Progress,
         notes: Iterable[str] = (),
     ) -> list[Table]:
         """Return the paired changes per metric, with the mean scores of `levels` in the title.
@@ -67,7 +66,7 @@ class Method:
         }
         names: list[str] = []
         reasons = {}
-        for number in tracked(range(self.num_clips), self.num_clips, progress):
+        for number in tracked(range(self.num_clips)):
             clip = self.dataset[number]
             names.append(clip.name)
             predict = prepare(clip)
@@ -138,7 +137,7 @@ def read_method(
     return Method(label, predictor, matrix, dataset, num_clips, metrics.frame, unavailable)
 
 
-def error_budget(method: Method, progress: Progress) -> list[Table]:
+def error_budget(method: Method) -> list[Table]:
     """Return the changes of all metrics by stage.
 
     *Alone* replaces one stage of the forecast, *one by one* adds stages from top to bottom, so
@@ -162,12 +161,10 @@ def error_budget(method: Method, progress: Progress) -> list[Table]:
         }
     notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
     levels = {"forecast": nothing, "truth": everything}
-    return method.change_tables(
-        pairs, levels, lambda clip: method.with_truth(clip).frames, progress, notes
-    )
+    return method.change_tables(pairs, levels, lambda clip: method.with_truth(clip).frames, notes)
 
 
-def pose_sensitivity(method: Method, progress: Progress) -> list[Table]:
+def pose_sensitivity(method: Method) -> list[Table]:
     """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
     exact = (0.0,) * 6
     pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}
@@ -188,7 +185,7 @@ def pose_sensitivity(method: Method, progress: Progress) -> list[Table]:
         return view
 
     notes = ["a change is the mean of those by the offset and by its opposite"]
-    return method.change_tables(pairs, {"no offset": exact}, prepare, progress, notes)
+    return method.change_tables(pairs, {"no offset": exact}, prepare, notes)
 
 
 def offsets(

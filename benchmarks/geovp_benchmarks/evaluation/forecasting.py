@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
@@ -54,10 +54,9 @@ def read_windows(
     return windows
 
 
-def evaluate(windows: Sequence[Window], forecaster: Forecaster, progress: Progress) -> Scores:
+def evaluate(windows: Sequence[Window], forecaster: Forecaster) -> Scores:
     """Return the scores of a forecaster on all windows."""
-    items = tracked(windows, len(windows), progress)
-    results = [window_scores(forecaster, *window) for window in items]
+    results = [window_scores(forecaster, *window) for window in tracked(windows)]
     return {name: np.array([scores[name] for scores in results]) for name in results[0]}
 
 

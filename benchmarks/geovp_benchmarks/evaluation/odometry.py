@@ -3,14 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_classic import registry
-from geovp_classic.data import pose_files
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.metrics import odometry as drift
@@ -47,13 +45,6 @@ class TrackedPath:
                 ]
         return [np.nan] * 5
 
-    def write(self, folder: Path, stem: str) -> list[Path]:
-        """Write the path as KITTI and TUM files, which evo plots; return the files."""
-        kitti, tum = folder / f"{stem}.kitti.txt", folder / f"{stem}.tum.txt"
-        pose_files.write_kitti(kitti, self.estimate)
-        pose_files.write_tum(tum, self.estimate)
-        return [kitti, tum]
-
 
 def error_table(paths: Sequence[TrackedPath]) -> list[list[str]]:
     """Return the median errors over paths by alignment, with a head."""
@@ -69,7 +60,7 @@ def error_table(paths: Sequence[TrackedPath]) -> list[list[str]]:
 
 
 def track_sequences(
-    data: Spec, frames: Sequence[str], spec: Spec, progress: Progress
+    data: Spec, frames: Sequence[str], spec: Spec
 ) -> Iterator[tuple[FrameRange, TrackedPath]]:
     """Run an odometry over stretches such as "03" or "03[0:360)"; yield each with its path."""
     odometry = registry.build("odometries", spec)
@@ -83,7 +74,7 @@ def track_sequences(
         recording = dataset.recordings[stretch.sequence]
         steps = slice(stretch.first, stretch.last)
         numbers = range(len(recording.frames))[steps]
-        images = map(recording.frames.read, tracked(numbers, len(numbers), progress))
+        images = map(recording.frames.read, tracked(numbers))
         estimate, is_tracked = odometry.track_sequence(
             images, recording.times_s[steps], recording.intrinsics, recording.camera_height_m
         )
@@ -92,7 +83,7 @@ def track_sequences(
 
 
 def track_clips(
-    data: Spec, frames: Sequence[str], spec: Spec, num_frames: int, progress: Progress
+    data: Spec, frames: Sequence[str], spec: Spec, num_frames: int
 ) -> Iterator[tuple[str, list[TrackedPath]]]:
     """Run an odometry over all clips of each stretch; yield each stretch with its paths."""
     odometry = registry.build("odometries", spec)
@@ -101,7 +92,7 @@ def track_clips(
     for stretch in frames:
         dataset = registry.build("datasets", {**shared, "sequences": [stretch]})
         paths = []
-        for number in tracked(range(len(dataset)), len(dataset), progress):
+        for number in tracked(range(len(dataset))):
             clip = dataset[number]
             estimate, is_tracked = odometry.track(clip.split(num_frames, odometry.needs)[0])
             truth = clip.trajectory and clip.trajectory[:num_frames]

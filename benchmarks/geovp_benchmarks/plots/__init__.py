@@ -8,16 +8,14 @@ from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots import clips, horizon
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options, Page
-from geovp_benchmarks.progress import Progress, no_progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import selected_columns
 
 __all__ = ["Options", "Page", "write_all"]
 
 
-def write_all(
-    results: Results, options: Options, progress: Progress = no_progress
-) -> Iterator[tuple[Page, list[Path]]]:
+def write_all(results: Results, options: Options) -> Iterator[tuple[Page, list[Path]]]:
     """Write all figures, or those of strata or differences, and yield each with its files.
 
     All figures together replace those of earlier settings. Raise BadData without results.
@@ -38,7 +36,7 @@ def write_all(
     is_plain, stems = not (options.by or options.against), set()
     for number, name in enumerate(material.clips if is_plain else [], 1):
         tasks.append(partial(clips.clip_pages, material, number, name, options))
-    for draw in tracked(tasks, len(tasks), progress):
+    for draw in tracked(tasks):
         for page in draw():
             stems.add(page.stem)
             paths = [

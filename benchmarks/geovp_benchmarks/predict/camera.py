@@ -10,6 +10,7 @@ from geovp_classic.data.calibration_files import exif_focal_px, read_camera
 from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import FocalLengthEstimator
 from geovp_classic.types import ByteArray, Intrinsics
@@ -38,6 +39,8 @@ def find_camera(
     request: PredictionRequest,
 ) -> tuple[Camera, Recording]:
     """Return the camera from the best available source, and the images without distortion."""
+    if request.distortion and not (request.intrinsics or request.fov_deg):
+        raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     source, interval_px = "given", None
     if request.calibration is not None:
@@ -51,7 +54,7 @@ def find_camera(
             focal_px, source, interval_px = _focal_length(recording, num_observed, request.fov_deg)
             numbers = (focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2)
         intrinsics = Intrinsics(*numbers, width_px, height_px)
-        lens = DistortedCamera(intrinsics, "FULL_OPENCV", tuple(request.distortion or ()))
+        lens = DistortedCamera(intrinsics, "FULL_OPENCV", request.distortion)
     view = common_pinhole([lens], request.calibration or request.path)
     frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
     camera = Camera(view, source, lens.distortion, interval_px)

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import ByteArray, FloatArray, IntArray, Intrinsics, Views
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 
 def build_model(
@@ -14,6 +15,7 @@ def build_model(
     names: Sequence[str],  # T image files
     world_from_cam: FloatArray,  # [T, 4, 4]
     views: Views,  # [P <= T], of the first images
+    max_difference: float = 0.02,  # relative, of the depths of a point and of the view that sees it
 ) -> Any:
     """Return a pycolmap.Reconstruction with the points of the views.
 
@@ -21,45 +23,27 @@ def build_model(
     image's corner, ours at the first pixel's centre: they are 0.5 larger.
     """
     from geovp_classic.colmap_library import pycolmap
+    from geovp_classic.odometry.bundle import reconstruction
 
     points, colours = _cloud(views, world_from_cam, camera)
-    model = pycolmap.Reconstruction()
+    cam_from_world = se3.inverse(world_from_cam)
+    pixels = np.full((len(names), len(points), 2), np.nan)
+    for number, pose in enumerate(cam_from_world[: len(views.depths)]):
+        projected, depth = pinhole.project(se3.transform(pose, points), camera)
+        shown = np.where(views.covered[number], views.depths[number], 0.0)
+        # 0 outside of the view
+        seen = ndimage.map_coordinates(shown, projected.T[::-1], order=0, mode="grid-constant")
+        is_visible = np.abs(seen / depth - 1) < max_difference
+        pixels[number, is_visible] = projected[is_visible] + 0.5
     params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]
     size = {"width": camera.width_px, "height": camera.height_px}
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(camera_id=1, model="PINHOLE", params=params, **size)
-    )
-    tracks = [pycolmap.Track() for _ in points]
-    for number, (name, pose) in enumerate(zip(names, se3.inverse(world_from_cam), strict=True)):
-        pixels, depth = pinhole.project(se3.transform(pose, points), camera)
-        visible: IntArray = np.zeros(0, int)
-        if number < len(views.depths):
-            shown = np.where(views.covered[number], views.depths[number], 0.0)
-            visible = _visible(pixels, depth, shown)
-        for keypoint, point in enumerate(visible):
-            tracks[point].add_element(number + 1, keypoint)
-        image = pycolmap.Image(
-            name=name, keypoints=pixels[visible] + 0.5, camera_id=1, image_id=number + 1
-        )
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
-    for point, track, colour in zip(points, tracks, colours, strict=True):
-        model.add_point3D(point, track, colour)
+    pinhole_camera = pycolmap.Camera(camera_id=1, model="PINHOLE", params=params, **size)
+    model = reconstruction(cam_from_world, points, pixels, pinhole_camera)
+    for number, name in enumerate(names, 1):
+        model.image(number).name = name
+    for number, colour in enumerate(colours, 1):
+        model.point3D(number).color = colour
     return model
-
-
-def _visible(
-    pixels: FloatArray,  # [N, 2]
-    depth: FloatArray,  # [N]
-    shown: FloatArray,  # [H, W], depth of the view
-    max_difference: float = 0.02,  # relative
-) -> IntArray:
-    """Return the numbers of the points that lie in a view at its depth."""
-    height_px, width_px = shown.shape
-    is_inside = (pixels > -0.5) & (pixels < [width_px - 0.5, height_px - 0.5])
-    inside = np.flatnonzero(is_inside.all(axis=1))
-    column, row = np.rint(pixels[inside]).astype(int).T
-    difference = np.abs(shown[row, column] / depth[inside] - 1)
-    return inside[difference < max_difference]
 
 
 def _cloud(

@@ -39,7 +39,9 @@ def write(predicted: Predicted, folder: Path) -> list[Path]:
             target = scratch / "samples" / f"{sample:03d}" if sample else scratch
             write_images(target if sample else scratch / "frames", future_names, frames)
             if motion is not None:
-                _write_poses(motion, sample, context.times_s, target)
+                poses = np.concatenate([motion.past.world_from_cam, motion.futures[sample]])
+                path = Trajectory(poses, context.times_s, motion.past.is_metric)
+                pose_files.write_both(target, "poses", path)
         _write_videos(predicted, scratch)
         if motion is not None and scene is not None:
             _write_scene(predicted, scene, motion, names, scratch)
@@ -101,14 +103,6 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     if importlib.util.find_spec("av"):  # an extra; the gif shows the same
         video.write_mp4(folder / "film.mp4", film, rate_hz)
     video.write_gif(folder / "film.gif", film, rate_hz)
-
-
-def _write_poses(motion: Motion, sample: int, times_s: FloatArray, folder: Path) -> None:
-    """Write the observed and future path of a sample."""
-    poses = np.concatenate([motion.past.world_from_cam, motion.futures[sample]])
-    path = Trajectory(poses, times_s, motion.past.is_metric)
-    pose_files.write_kitti(folder / "poses.kitti.txt", path)
-    pose_files.write_tum(folder / "poses.tum.txt", path)
 
 
 def _write_scene(

@@ -1,6 +1,7 @@
 """Prediction of one clip from a folder of images, a video or a bag."""
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -68,44 +69,34 @@ class Predicted:
 
     def warnings(
         self, min_tracked_fraction: float = 0.7, max_off_axis_deg: float = 6.0
-    ) -> list[str]:
-        """Return a sentence for each sign that the prediction is wrong."""
-        scene, motion = self.scene, self.prediction.motion
-        signs = [
-            (
-                self.camera.source == "assumed",
+    ) -> Iterator[str]:
+        """Yield a sentence for each sign that the prediction is wrong."""
+        if self.camera.source == "assumed":
+            yield (
                 f"the motion does not tell the focal length: {self.camera.fov_deg:.0f} degrees are "
-                "assumed; give --fov, --calibration or --intrinsics",
-            ),
-            (
-                scene is not None and not scene.is_trusted,
+                "assumed; give --fov, --calibration or --intrinsics"
+            )
+        if self.scene is not None and not self.scene.is_trusted:
+            yield (
                 "the scene does not explain earlier frames, so the last frame is predicted: check "
-                "the intrinsics and --fps",
-            ),
-        ]
-        if motion is not None:
-            angle_deg = off_axis_deg(motion) or 0.0
-            path = motion.past.world_from_cam[:, :3, 3]
-            signs += [
-                (
-                    motion.tracked.mean() < min_tracked_fraction,
-                    "few frames were tracked: give sharper frames or a larger --size",
-                ),
-                (
-                    angle_deg > max_off_axis_deg,
-                    f"the camera travels {angle_deg:.0f} degrees off its optical axis: unless it "
-                    "is mounted like that, the principal point is wrong",
-                ),
-                (
-                    (motion.past.scale_uncertainty or 0.0) >= MIN_SPREAD,
-                    "no road was found: the scale is that of typical driving speeds",
-                ),
-                (
-                    (path == path[0]).all(),
-                    "the camera is stationary, so the prediction is static",
-                ),
-            ]
-        return [message for is_found, message in signs if is_found]
+                "the intrinsics and --fps"
+            )
+        motion = self.prediction.motion
+        if motion is None:
+            return
+        if motion.tracked.mean() < min_tracked_fraction:
+            yield "few frames were tracked: give sharper frames or a larger --size"
+        angle_deg = off_axis_deg(motion) or 0.0
+        if angle_deg > max_off_axis_deg:
+            yield (
+                f"the camera travels {angle_deg:.0f} degrees off its optical axis: unless it is "
+                "mounted like that, the principal point is wrong"
+            )
+        if (motion.past.scale_uncertainty or 0.0) >= MIN_SPREAD:
+            yield "no road was found: the scale is that of typical driving speeds"
+        path = motion.past.world_from_cam[:, :3, 3]
+        if (path == path[0]).all():
+            yield "the camera is stationary, so the prediction is static"
 
     def about(self) -> dict[str, Any]:
         """Return the contents of predict.json."""
@@ -120,14 +111,16 @@ class Predicted:
             "observed": context.num_past,
             "predicted": context.num_future,
             "confidence": self.prediction.confidence,
-            "warnings": self.warnings(),
+            "warnings": [*self.warnings()],
             "scores": self.scores,
         }
         if motion is not None:
-            about["tracked_frames"] = motion.tracked.sum()
-            about["is_metric"] = motion.past.is_metric
-            about["scale_uncertainty"] = motion.past.scale_uncertainty
-            about["off_axis_deg"] = off_axis_deg(motion)
+            about |= {
+                "tracked_frames": motion.tracked.sum(),
+                "is_metric": motion.past.is_metric,
+                "scale_uncertainty": motion.past.scale_uncertainty,
+                "off_axis_deg": off_axis_deg(motion),
+            }
         if scene is not None:
             about["hindcast_error_ratio"] = scene.error_ratio
             about["scene_mask_fraction"] = scene.mask.mean()

@@ -1,12 +1,15 @@
 """Request for the prediction of one clip."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+from pydantic.dataclasses import dataclass
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.matrix.components import build_method, on_device
 from geovp_classic import registry
+from geovp_classic.api import default_pose_source
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -16,13 +19,13 @@ Spec = dict[str, Any] | str
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """Input of `predict`."""
+    """Input of `predict` and `display`; other arguments are ignored."""
 
     path: Path  # a folder of images, a video or a bag
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy of stored images
     fov_deg: float | None = None  # horizontal
     calibration: Path | None = None
-    distortion: tuple[float, ...] | None = None  # OpenCV's k1, k2, p1, p2, k3, ...
+    distortion: tuple[float, ...] = ()  # OpenCV's k1, k2, p1, p2, k3, ...
     rate_hz: float | None = None
     camera_height_m: float | None = None
     first: int | None = None  # first observed frame; None: as late as possible
@@ -53,15 +56,9 @@ class PredictionRequest:
                 "--method, --predictor, and --pose-source with --renderer exclude each other: keep "
                 "one of them"
             )
-        if self.distortion and not (self.intrinsics or self.fov_deg):
-            raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
-        with on_device(self.device):
-            if self.matrix is not None and self.method is not None:
-                predictor = build_method(schema.read(self.matrix), self.method)
-            elif self.predictor is not None:
-                predictor = registry.build("predictors", self.predictor, "--predictor")
-            else:
-                predictor = self._build_geometric()
+        frames = {"frames": "full"} if self.with_full else {}
+        with on_device(self.device), registry.defaults(**frames):
+            predictor = self._build()
         if self.mask is None:
             return predictor
         if not isinstance(predictor, GeometricPredictor):
@@ -69,19 +66,15 @@ class PredictionRequest:
             raise BadData(f"--mask needs a pose source and a renderer, {name} has none")
         return replace(predictor, observer=replace(predictor.observer, mask=self.mask))
 
-    def _build_geometric(self) -> GeometricPredictor:
-        frames = "full" if self.with_full else "crop"
-        scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
-        odometry = {"name": "monocular", "frames": frames, "scale": scale}
-        refined = {
-            "name": "refined",
-            "source": {"name": "chained", "odometry": odometry},
-            "refinements": [{"name": "registration", "frames": frames}],
-        }
-        fusion = {"name": "depth-fusion", "frames": frames}
+    def _build(self) -> FramePredictor:
+        if self.matrix is not None and self.method is not None:
+            return build_method(schema.read(self.matrix), self.method)
+        if self.predictor is not None:
+            return registry.build("predictors", self.predictor, "--predictor")
+        pose_source = self.pose_source or default_pose_source(self.camera_height_m)
         return GeometricPredictor(
-            registry.build("pose_sources", self.pose_source or refined, "--pose-source"),
-            registry.build("renderers", self.renderer or fusion, "--renderer"),
+            registry.build("pose_sources", pose_source, "--pose-source"),
+            registry.build("renderers", self.renderer or "depth-fusion", "--renderer"),
         )
 
 

@@ -10,7 +10,6 @@ import jinja2
 from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, summary, title
@@ -18,7 +17,7 @@ from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
 
-def write(results: Results, options: plots.Options, progress: Progress = no_progress) -> None:
+def write(results: Results, options: plots.Options) -> None:
     """Write the plots and report.html of a results folder; raise BadData without results.
 
     With `options.against` and `by` there are also tables of differences and of strata.
@@ -33,7 +32,7 @@ def write(results: Results, options: plots.Options, progress: Progress = no_prog
     figures = [
         (page, path.read_bytes())
         for drawn in ([plain] if options == plain else [plain, options])
-        for page, paths in plots.write_all(results, drawn, progress)
+        for page, paths in plots.write_all(results, drawn)
         for path in paths
         if path.suffix == ".svg"
     ]

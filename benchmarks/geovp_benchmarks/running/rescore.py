@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from geovp_benchmarks.matrix.values import Specs
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord
 from geovp_benchmarks.running.profiling import Usage
@@ -22,9 +22,7 @@ def stored_metrics(results: Results) -> Metrics:
     return Metrics.build(**specs, size_px=protocol["size_px"])
 
 
-def rescore(
-    results: Results, output: Results, metrics: Metrics, progress: Progress
-) -> list[Method]:
+def rescore(results: Results, output: Results, metrics: Metrics) -> list[Method]:
     """Write a results folder of the kept clips alone; raise BadData if there are none."""
     protocol = results.protocol()
     stored = set(results.clips())
@@ -43,7 +41,7 @@ def rescore(
     }
     output.write_protocol({**rescored, "id": protocol_id(rescored)})
     methods = results.methods()
-    for method in tracked(methods, len(methods), progress):
+    for method in tracked(methods):
         status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
         output.write_method(method.model_copy(update={"code": "", "status": status}))
         output.write_scores(_rescored(results, output, method, metrics))

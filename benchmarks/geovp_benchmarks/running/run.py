@@ -10,7 +10,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.progress import announce, report
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.plan import Options, Plan
@@ -19,9 +19,7 @@ from geovp_benchmarks.running.task import Scored, score_clip
 logger = logging.getLogger(__name__)
 
 
-def run(
-    matrix: Matrix, results: Results, options: Options, executor: Executor, progress: Progress
-) -> list[Method]:
+def run(matrix: Matrix, results: Results, options: Options, executor: Executor) -> list[Method]:
     """Compute missing and outdated scores, and return all methods.
 
     Raises BadData if the matrix, the data set or the folder is unsuitable.
@@ -29,7 +27,7 @@ def run(
     with results_lock(results.root):
         announce("building components and metrics")
         plan = Plan(matrix, results, options)
-        compute_missing(plan, executor, progress)
+        compute_missing(plan, executor)
     return results.methods()
 
 
@@ -52,15 +50,13 @@ def results_lock(root: Path) -> Iterator[None]:
         lock.release()
 
 
-def compute_missing(
-    plan: Plan, executor: Executor, progress: Progress, interval_s: float = 2.0
-) -> None:
+def compute_missing(plan: Plan, executor: Executor, interval_s: float = 2.0) -> None:
     """Predict and score the clips that methods lack; write scores at intervals and at the end."""
     begin(plan)
     missing = {method: plan.missing(method) for method in plan.records}
     num_missing = sum(len(clips) for clips in missing.values())
     num_done = 0
-    progress(num_done, num_missing)
+    report(num_done, num_missing)
     announce("first prediction: reading a clip, loading or compiling code")
     batch: list[Scored] = []
     written_s = 0.0
@@ -74,7 +70,7 @@ def compute_missing(
                     clip = scored[0][1].clips[0]
                     announce(f"after {clip}")  # other processes do not announce their steps
                     logger.info("clip %s: done", clip)
-                progress(num_done, num_missing)
+                report(num_done, num_missing)
                 if time.monotonic() - written_s >= interval_s:
                     writer.submit(plan.results.write_scores, batch).result()
                     batch = []

@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from geovp_benchmarks.cli.options import add_options, option
-from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.cli.options import option
+from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -38,27 +38,23 @@ from studies.corruption.kinds import CORRUPTIONS, NUM_PAST, NUM_STEPS, Corruptio
 Methods = Mapping[str, GeometricPredictor]
 SCORED_STEPS = np.array([0, 4, 9, 14, 19])  # of the future
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the clips and the corruptions."""
-    stretches = ("03[0:180)", "raw0095")  # train and val
-    names = list(CORRUPTIONS)
-    options = {
+ARGUMENTS = {
+    "": {
         "root FOLDER": "Folder laid out as KITTI odometry.",
         "frames FRAMES": option(
-            f"Sequences or stretches of them. Default: {' '.join(stretches)}.",
-            stretches,
+            "Sequences or stretches of them. Default: 03[0:180) raw0095.",  # train and val
+            ["03[0:180)", "raw0095"],
             nargs="*",
         ),
         "--stride N": option("Frames between the starts of two clips. Default: 60.", 60),
-        "--only NAME": option(
-            "Names of the corruptions. Default: all.", names, nargs="+", choices=names
+        "--only NAME...": option(
+            "Names of the corruptions. Default: all.", list(CORRUPTIONS), choices=CORRUPTIONS
         ),
     }
-    add_options(parser, options)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield a Markdown table."""
     dataset = registry.build(
         "datasets",
@@ -78,7 +74,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
         (name, severity) for name in args.only for severity in range(CORRUPTIONS[name].severities)
     ]
     means = []
-    for name, severity in tracked(tasks, len(tasks), progress):
+    for name, severity in tracked(tasks):
         of_clips = [gains_db(clip, CORRUPTIONS[name], severity, compared) for clip in clips]
         means.append(nanmean(np.array(of_clips), axis=0))
     values = np.array(means)

@@ -3,27 +3,22 @@
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.options import Progress, add_options, option
+from geovp_benchmarks.cli.options import option
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the model and the pose files."""
-    models = ("motion-prior", "body-motion", "kalman")
-    sequences = ["00", "02", "08", "09"]
-    options = {
-        f"model {{{','.join(models)}}}": option(
-            "What to fit. The first two write MODEL.npz, the last prints its constants.",
-            choices=models,
+ARGUMENTS = {
+    "": {
+        "model motion-prior|body-motion|kalman": (
+            "What to fit. The first two write MODEL.npz, the last prints its constants."
         ),
         "poses FOLDER": "Folder of NN.txt and NN_times.txt.",
-        "--sequences NN": option(
-            f"Sequences of KITTI odometry. Default: {' '.join(sequences)}.", sequences, nargs="+"
+        "--sequences NN...": option(
+            "Sequences of KITTI odometry. Default: 00 02 08 09.", ["00", "02", "08", "09"]
         ),
     }
-    add_options(parser, options)
+}
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Iterator[str]:
+def run(args: argparse.Namespace) -> Iterator[str]:
     """Fit a model; yield its constants or its file."""
     import numpy as np
 

@@ -8,7 +8,6 @@ import pytest
 
 from geovp_benchmarks.evaluation.error_budget import Method, offsets, read_method
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
@@ -71,7 +70,7 @@ def test_impossible_variants_leave_out_the_clip(method: Method) -> None:
             raise Incompatible("no scale")
         return grey + np.uint8(variant == "wrong"), grey - np.uint8(1)
 
-    (table,) = method.change_tables(PAIRS, {"start": "wrong"}, lambda clip: predict, no_progress)
+    (table,) = method.change_tables(PAIRS, {"start": "wrong"}, lambda clip: predict)
     # One level off is 48.13 dB, two are 42.11 dB.
     lines = markdown(table).splitlines()
     assert lines[0].endswith("change of PSNR (dB), start 42.11")
@@ -84,7 +83,7 @@ def test_a_method_that_is_impossible_on_all_clips_is_refused(method: Method) -> 
         raise Incompatible("no scale")
 
     with pytest.raises(Incompatible, match="no scale"):
-        method.change_tables(PAIRS, {}, lambda clip: predict, no_progress)
+        method.change_tables(PAIRS, {}, lambda clip: predict)
 
 
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:

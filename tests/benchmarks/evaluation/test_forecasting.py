@@ -15,7 +15,6 @@ from geovp_benchmarks.evaluation.forecasting import (
     read_windows,
     window_scores,
 )
-from geovp_benchmarks.progress import no_progress
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
@@ -104,7 +103,7 @@ def test_ranks_are_the_ellipsoids_probability() -> None:
 
 def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says) -> None:
     names = ["--methods", "hold", "turn-rate-kalman"]
-    lines = printed("forecast", "evaluate", folder, "--sequences", "03", "05", *names).splitlines()
+    lines = printed("forecast", folder, "--sequences", "03", "05", *names).splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
     rows = {name: values for name, *values in cells}
@@ -118,11 +117,11 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
 
 
 def test_an_unknown_forecaster_is_refused(folder: Path, refused: Says) -> None:
-    assert "motion-prior" in refused("forecast", "evaluate", folder, "--methods", "motion-prio")
+    assert "motion-prior" in refused("forecast", folder, "--methods", "motion-prio")
 
 
 def test_a_missing_sequence_is_refused(folder: Path, refused: Says) -> None:
-    assert "holds no 09.txt: name" in refused("forecast", "evaluate", folder, "--sequences", "09")
+    assert "holds no 09.txt: name" in refused("forecast", folder, "--sequences", "09")
 
 
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
@@ -133,7 +132,7 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     errors = {}
     for name in ("hold", "constant-turn", "acceleration-kalman", "motion-prior"):
         forecaster = registry.build("forecasters", name)
-        scores = forecasting.evaluate(windows, forecaster, no_progress)
+        scores = forecasting.evaluate(windows, forecaster)
         errors[name] = float(scores["ADE m"].mean())
     assert min(errors, key=errors.__getitem__) != "hold"
     assert errors["motion-prior"] < 1.0

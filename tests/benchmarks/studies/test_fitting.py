@@ -209,7 +209,7 @@ def test_the_command_writes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     np.savetxt(tmp_path / "00_times.txt", road.times_s, fmt="%.6f")
     monkeypatch.chdir(tmp_path)
     args = command_line().parse_args(["fitting", "body-motion", ".", "--sequences", "00"])
-    assert [*args.run(args, lambda *_: None)] == ["written to body-motion.npz"]
+    assert [*args.run(args)] == ["written to body-motion.npz"]
     past = road[:10]
     forecast = BodyMotion(tmp_path / "body-motion.npz").distribution(past, past.times_s[-1:] + 1.0)
     assert np.isfinite(forecast.means).all()
