@@ -100,17 +100,14 @@ class AnchoredAdjustment:
         world_from_cam = se3.inverse(cam_from_world)
         distances = np.linalg.norm(world_from_cam[:, :3, 3], axis=1)
         max_distance = distances.max()
+        near = self.near_depth * np.maximum(distances, 1e-3 * max_distance)
+        far = self.far_depth * max_distance
         across = self.tangent * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         rays = np.column_stack([across, np.ones(4)])
         anchors = []
         pixels = np.full((num_cameras, 8 * (num_cameras - 1), 2), np.nan)
         for k in range(1, num_cameras):
-            near = (
-                self.near_depth * max(distances[k], 1e-3 * max_distance) * rays
-            )
-            located = np.concatenate(
-                [near, self.far_depth * max_distance * rays]
-            )
+            located = np.concatenate([near[k] * rays, far * rays])
             anchors.append(se3.transform(world_from_cam[k], located))
             shown, _ = pinhole.project(located, camera)
             pixels[k, 8 * (k - 1) : 8 * k] = shown
