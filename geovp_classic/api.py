@@ -105,21 +105,17 @@ def show(
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]
     steps = np.linspace(0, rows.shape[1] - 1, num_frames)
     steps = np.unique(steps.round().astype(int))
-    margins_px = (
-        (0, 0),
-        (0, 0),
-        (14, 0),
-        (2, 2),
-        (0, 0),
-    )  # labels above, gaps between
-    tiles = np.pad(
-        rows[:, steps], margins_px, constant_values=255
-    )  # [S, K, H + 14, W + 4, 3]
-    columns = np.concatenate(list(tiles), axis=1)  # [K, S * (H + 14), W + 4, 3]
-    strip = Image.fromarray(np.concatenate(list(columns), axis=1))
+    height_px = rows.shape[2] + 14  # labels above
+    width_px = rows.shape[3] + 4  # gaps between
+    size_px = (len(steps) * width_px, len(rows) * height_px)
+    strip = Image.new("RGB", size_px, "white")
     pen = ImageDraw.Draw(strip)
     for column, step in enumerate(steps):
-        pen.text((column * columns.shape[2] + 2, 1), labels[step], fill="black")
+        left_px = column * width_px + 2
+        for row, frames in enumerate(rows):
+            tile = Image.fromarray(frames[step])
+            strip.paste(tile, (left_px, row * height_px + 14))
+        pen.text((left_px, 1), labels[step], fill="black")
     return strip
 
 

@@ -7,6 +7,7 @@ import contextlib
 import contextvars
 import dataclasses
 import functools
+import inspect
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -129,9 +130,7 @@ def construct(
             f"{name} is not a dataclass: a component's fields are its settings"
         )
     hints = typing.get_type_hints(kind)
-    fields = {
-        field.name: field for field in dataclasses.fields(kind) if field.init
-    }
+    fields = inspect.signature(kind).parameters
     values = {
         key: value for key, value in _defaults.get({}).items() if key in fields
     }
@@ -143,10 +142,7 @@ def construct(
             )
         values[key] = _value(value, hints[key], f"{where}.{key}")
     for key, field in fields.items():
-        is_required = (
-            field.default is field.default_factory is dataclasses.MISSING
-        )
-        if key not in values and is_required:
+        if key not in values and field.default is field.empty:
             raise BadData(
                 f"{where}: {name!r} needs the field {key!r}: add it to the table"
             )

@@ -92,14 +92,14 @@ class Bag:
             if info.msgtype in TYPES[kind] and info.msgcount
         )
 
-    def choose(self, kind: str, topic: str | None) -> str | None:
-        """Return a named topic, else the only one of its kind, None if there is none.
+    def choose(self, kind: str, topic: str | None) -> str:
+        """Return a named topic, else the only one of its kind, "" if there is none.
 
         BadData lists the topics if there are several, or if the named one is missing.
         """
         topics = self.topics(kind)
         if topic in topics or (topic is None and len(topics) < 2):
-            return topic or next(iter(topics), None)
+            return topic or "".join(topics)
         message = f"{self.path} has {len(topics)} {kind} topics"
         if topic is not None:
             message = f"{self.path} has no {kind} topic {topic!r}"
@@ -175,7 +175,7 @@ class BagImages:
     def __init__(self, bag: Bag, topic: str | None, bits: int | None) -> None:
         """Read the times of all images, and decode the first; `bits` as in `frames.read_image`."""
         recorded_ns = {}  # by stamp
-        self.topic = bag.choose("image", topic) or ""
+        self.topic = bag.choose("image", topic)
         for time_ns, message in bag.messages(self.topic):
             recorded_ns[stamp_ns(message, time_ns)] = time_ns
             self.frame_id = message.header.frame_id.strip("/")

@@ -15,11 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic import files
 from geovp_classic.data.calibration_files import scaled_to
-from geovp_classic.data.findings import RAISE, Findings
+from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import image_size
 from geovp_classic.data.sequences import PosedSequences, Scan
 from geovp_classic.data.undistortion import DistortedCamera
-from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
@@ -91,15 +90,9 @@ class Cityscapes(PosedSequences):
             if len(readings) == len(images):
                 poses = integrated(np.array(readings))
             scan = scan.mounted(camera, vehicle_from_cam, poses)
+            height_m = float(vehicle_from_cam[2, 3])
+            scan = replace(scan, camera_height_m=height_m)
         return scan
-
-    def _read(self, name: str, folder: Path) -> Recording:
-        scan = self.scan(folder, RAISE)
-        recording = self._recording(name, folder, scan)
-        if self.camera_height_m is not None:
-            return recording
-        height_m = float(scan.rig_from_cam[2, 3])
-        return replace(recording, camera_height_m=height_m)
 
     def _paths(self, folder: Path, kind: str, suffix: str) -> list[Path]:
         """Return the files of a type for all frames of a snippet."""

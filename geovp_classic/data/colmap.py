@@ -6,8 +6,7 @@ registered breaks the sequence, as does another sub-folder.
 """
 
 import itertools
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +53,7 @@ class Colmap(PosedSequences):
         """Scan a sequence; it has images alone if the model cannot be used."""
         root = folder / "images" if (folder / "images").is_dir() else folder
         paths = sorted(filter(is_image, root.rglob("*")), key=natural_order)
-        images = tuple(sorted(paths, key=attrgetter("parent")))
+        images = tuple(sorted(paths, key=lambda path: path.parent))
         times_s = np.arange(len(images)) / self.rate_hz
         registered: Registered = {}
         with findings.catch(folder):
@@ -74,8 +73,13 @@ class Colmap(PosedSequences):
         unregistered = np.full((4, 4), np.nan), camera
         views = (registered.get(name, unregistered) for name in names)
         poses, cameras = zip(*views, strict=True)
-        scan = Scan(images, times_s, cameras, np.stack(poses))
-        return replace(scan, is_metric=self.is_metric)
+        return Scan(
+            images,
+            times_s,
+            cameras,
+            np.stack(poses),
+            is_metric=self.is_metric,
+        )
 
 
 def _read_model(model: Path) -> Registered:

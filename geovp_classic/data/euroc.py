@@ -55,15 +55,12 @@ class Euroc(PosedSequences):
         scan = Scan(images, times_s)
         with findings.catch(sensor):
             scan = scan.mounted(*read_sensor(sensor))
-        truths = [
-            mav0 / name / "data.csv"
-            for name in ("state_groundtruth_estimate0", "mocap0")
-        ]
-        for path in list(filter(Path.exists, truths))[:1]:
-            pose_times_s, poses = pose_files.read_asl(path, start_ns, findings)
-            poses = nearest_poses(
-                times_s, pose_times_s, poses, self.max_difference_s
-            )
+        truth = mav0 / "state_groundtruth_estimate0" / "data.csv"
+        if not truth.exists():
+            truth = mav0 / "mocap0" / "data.csv"
+        if truth.exists():
+            recorded = pose_files.read_asl(truth, start_ns, findings)
+            poses = nearest_poses(times_s, *recorded, self.max_difference_s)
             scan = replace(scan, world_from_cam=poses @ scan.rig_from_cam)
         return scan
 

@@ -84,11 +84,12 @@ class Findings(list[Finding]):
         self,
         path: Path,
         parse_line: Callable[[str], tuple[Any, Any]],
-        missing: tuple[Any, Any],
+        missing: tuple[Any, Any] | None = None,
     ) -> tuple[list[Any], list[Any]]:
         """Parse lines to keys [N], which must increase, and values [N].
 
-        `parse_line` raises BadData for a bad line, in whose place `missing` is returned.
+        `parse_line` raises BadData for a bad line, in whose place `missing` is returned if it is
+        given.
         """
         pairs = []
         last = None
@@ -100,7 +101,8 @@ class Findings(list[Finding]):
                     raise BadData(f"{key} is not after {last} before it")
                 last = key
                 pair = key, value
-            pairs.append(pair)
+            if pair is not None:
+                pairs.append(pair)
         return [key for key, _ in pairs], [value for _, value in pairs]
 
 

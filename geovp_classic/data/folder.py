@@ -46,11 +46,7 @@ class Folder(SequenceDataset):
     is_metric: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("path", "times", "trajectory"):  # scripts give text
-            value = getattr(self, name)
-            object.__setattr__(
-                self, name, None if value is None else Path(value)
-            )
+        object.__setattr__(self, "path", Path(self.path))  # scripts give text
         rate_hz = self.frame_rate_hz
         if rate_hz is not None and not 0.02 <= rate_hz < np.inf:
             raise BadData(
@@ -72,11 +68,6 @@ class Folder(SequenceDataset):
     def split_hash(self) -> str:
         """Return the hash of `ranges` of several sequences; "" for one."""
         return super().split_hash if self._is_root else ""
-
-    @property
-    def recording(self) -> Recording:
-        """Return all frames of the first sequence with their times, camera and poses."""
-        return next(iter(self.recordings.values()))
 
     def folders(self) -> dict[str, Path]:
         """Return the folders of images by name: the path, or those in it if it has no images."""

@@ -219,12 +219,9 @@ def is_image(path: Path) -> bool:
 
 def image_files(folder: Path) -> list[Path]:
     """Return the images of a folder by name, numbers in names counted as numbers (2 before 10)."""
-    try:
+    what = f"{folder} cannot be listed"
+    with files.checked(what, "give a video or a folder of images"):
         return sorted(filter(is_image, folder.iterdir()), key=natural_order)
-    except OSError as problem:
-        raise BadData(
-            f"{folder} cannot be listed ({problem.strerror}): give a video or a folder of images"
-        ) from problem
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

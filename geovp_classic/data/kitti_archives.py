@@ -19,23 +19,10 @@ class Archive(NamedTuple):
 
 
 COLUMNS = ["archive", "size", "belongs in", "needed for"]
-RAW_SIZES = Path(__file__).with_name("kitti_raw_sizes.toml")
-
-CALIBRATION = Archive(
-    "data_odometry_calib.zip",
-    "1 MB",
-    "sequences/NN/calib.txt",
-    "cameras, times",
-)
-POSES = Archive(
-    "data_odometry_poses.zip", "4 MB", "poses/NN.txt", "true poses of 00 to 10"
-)
-GREY = Archive(
-    "data_odometry_gray.zip", "22 GB", "sequences/NN/image_0", "grey images"
-)
-COLOUR = Archive(
-    "data_odometry_color.zip", "65 GB", "sequences/NN/image_2", "colour images"
-)
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+ODOMETRY = {
+    content: Archive(*fields) for content, fields in TABLES["odometry"].items()
+}
 
 
 def missing_odometry(
@@ -46,20 +33,20 @@ def missing_odometry(
     Sequences of other names are the user's own. Without a camera, grey or colour images serve,
     and both are named where there are none.
     """
-    images = [GREY, COLOUR]
+    images = ["grey", "colour"]
     if camera is not None:
         images = [images[camera // 2]]
     official = {f"{number:02d}" for number in range(22)}
     missing: dict[Archive, None] = {}
     for sequence in sorted(official.intersection(sequences)):
-        poses = [[POSES]] if sequence < "11" else []
-        for choice in [[CALIBRATION], *poses, images]:
+        poses = [["poses"]] if sequence < "11" else []
+        for contents in [["calibration"], *poses, images]:
+            archives = [ODOMETRY[content] for content in contents]
             paths = [
-                root / archive.belongs_in.replace("NN", sequence)
-                for archive in choice
+                each.belongs_in.replace("NN", sequence) for each in archives
             ]
-            if not any(path.exists() for path in paths):
-                missing.update(dict.fromkeys(choice))
+            if not any((root / path).exists() for path in paths):
+                missing |= dict.fromkeys(archives)
     return list(missing)
 
 
@@ -68,7 +55,6 @@ def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
 
     A drive is called as `KittiRaw` calls it: "2011_09_26_drive_0084".
     """
-    sizes = tomllib.loads(RAW_SIZES.read_text())
     archives = {}
     for drive in drives:
         date = drive.partition("_drive_")[0]
@@ -77,6 +63,6 @@ def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
             (f"{drive}_sync", f"{date}/{drive}_sync", "images, true poses"),
         ):
             if not (root / path).exists():
-                size = sizes.get(name, "unknown")
+                size = TABLES["raw_sizes"].get(name, "unknown")
                 archives[name] = Archive(f"{name}.zip", size, path, purpose)
     return list(archives.values())

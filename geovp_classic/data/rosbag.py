@@ -89,8 +89,7 @@ class RosBag(PosedSequences):
         if self.pose_topic or all(link.is_fixed for link in links):
             pose_topic = bag.choose("pose", self.pose_topic)
             motion = FrameTree()
-            if pose_topic is not None:
-                bag.add_links(motion, pose_topic, start_ns)
+            bag.add_links(motion, pose_topic, start_ns)
             for child, link in motion.items():
                 body = self.body_frame or child or images.frame_id
                 tree[body] = link

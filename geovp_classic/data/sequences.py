@@ -47,6 +47,7 @@ class Scan:
     is_metric: bool = True
     # of one of several cameras
     rig_from_cam: FloatArray = field(default_factory=lambda: np.eye(4))
+    camera_height_m: float | None = None  # by the calibration
     load: Load | None = None  # of images that are not files
 
     def mounted(
@@ -148,9 +149,8 @@ def read_list(
             )
         return numbers[0], folder / name
 
-    times_s, images = findings.parse(path, parse_line, (np.nan, None))
-    good = [image is not None for image in images]
-    return np.array(times_s, np.float64)[good], tuple(filter(None, images))
+    times_s, images = findings.parse(path, parse_line)
+    return np.array(times_s, np.float64), tuple(images)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -362,13 +362,16 @@ class PosedSequences(SequenceDataset):
         if scan.depths is not None:
             maps = FrameFiles(posed(scan.depths), sizes_px, frames.read_depth)
             depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
+        height_m = self.camera_height_m
+        if height_m is None:
+            height_m = scan.camera_height_m
         return Recording(
             name,
             UndistortedFrames(images, cameras, view),
             times_s,
             view,
             trajectory,
-            self.camera_height_m,
+            height_m,
             depths=depths,
             breaks=scan.breaks,
         )

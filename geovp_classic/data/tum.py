@@ -6,6 +6,7 @@ values a metre, 0 where unknown.
 """
 
 import re
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,20 +26,9 @@ from geovp_classic.types import Intrinsics
 
 Numbers = tuple[float, float, float, float]
 Distortion = tuple[float, float, float, float, float]
-# The colour cameras by the number after "freiburg" in a sequence's name: fx, fy, cx, cy and k1, k2,
-# p1, p2, k3, from "Intrinsic Camera Calibration of the Kinect" on the data set's pages
-# (vision.in.tum.de/data/datasets/rgbd-dataset).
-FREIBURG: dict[str, tuple[Numbers, Distortion]] = {
-    "1": (
-        (517.3, 516.5, 318.6, 255.3),
-        (0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
-    ),
-    "2": (
-        (520.9, 521.0, 325.1, 249.7),
-        (0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
-    ),
-    "3": ((535.4, 539.2, 320.1, 247.6), (0.0, 0.0, 0.0, 0.0, 0.0)),
-}
+CAMERAS = tomllib.loads(
+    Path(__file__).with_name("tum_cameras.toml").read_text()
+)
 
 
 @dataclass(frozen=True)
@@ -68,26 +58,22 @@ class Tum(PosedSequences):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; without a known camera, it has none."""
         times_s, images = read_list(folder / "rgb.txt", folder, findings)
-        depths = None
-        if (folder / "depth.txt").exists():
-            depth_times_s, paths = read_list(
-                folder / "depth.txt", folder, findings
-            )
+        depths = poses = None
+        depth_list = folder / "depth.txt"
+        if depth_list.exists():
+            depth_times_s, paths = read_list(depth_list, folder, findings)
             numbers = nearest(times_s, depth_times_s, self.max_difference_s)
             with_missing = [*paths, None]
             depths = tuple(with_missing[number] for number in numbers)
-        poses = None
         truth = folder / "groundtruth.txt"
         if truth.exists():
-            pose_times_s, poses = pose_files.read_tum(truth, findings)
-            poses = nearest_poses(
-                times_s, pose_times_s, poses, self.max_difference_s
-            )
+            recorded = pose_files.read_tum(truth, findings)
+            poses = nearest_poses(times_s, *recorded, self.max_difference_s)
         intrinsics = self.intrinsics
         distortion = self.distortion or ()
-        match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
+        match = re.search(r"freiburg[123](?!\d)", folder.resolve().name)
         if intrinsics is None and match:
-            intrinsics, distortion = FREIBURG[match[1]]
+            intrinsics, distortion = map(tuple, CAMERAS[match[0]].values())
         cameras: tuple[DistortedCamera, ...] = ()
         if images and intrinsics:
             with findings.catch(images[0]):

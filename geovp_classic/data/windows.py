@@ -196,8 +196,7 @@ def cut(
     if recording.depths is not None:
         # A mean over an edge would be on no surface.
         nearest = {"interpolation": cv2.INTER_NEAREST_EXACT}
-        maps = read(recording.depths).astype(np.float32)
-        maps = maps[:, *window].copy()
+        maps = read(recording.depths)[:, *window].astype(np.float32)
         depths = np.stack(
             [cv2.resize(depth, size_px, **nearest) for depth in maps]
         )

@@ -17,14 +17,13 @@ def clip_facts(context: Context, target: Target) -> dict[str, float]:
     future = target.trajectory
     if past is None or future is None:
         return {}
-    path = past[-1:].then(future)
-    poses = path.world_from_cam
+    poses = np.concatenate([past.world_from_cam[-1:], future.world_from_cam])
     states = planar.reduce(poses, poses[0], planar.level_vehicle_from_cam())
     yaw_rad = np.unwrap(states[:, 2])
     facts = {"yaw_deg": float(np.rad2deg(np.abs(yaw_rad).max()))}
-    if path.is_metric:
+    if future.is_metric:
         steps_m = se3.step_lengths(poses)
-        duration_s = path.times_s[-1] - path.times_s[0]
+        duration_s = future.times_s[-1] - past.times_s[-1]
         facts["speed_m_s"] = float(steps_m.sum() / duration_s)
         facts["step_m"] = float(steps_m.mean())
     return facts

@@ -105,16 +105,6 @@ class Trajectory(ShortRepr):
             self, world_from_cam=poses, times_s=self.times_s[steps].copy()
         )
 
-    def then(self, later: Trajectory) -> Trajectory:
-        """Return these steps followed by later steps of the same world frame and unit."""
-        if self.is_metric != later.is_metric:
-            raise BadData(
-                "a metric and a scale-free trajectory cannot be joined: give both the same unit"
-            )
-        poses = np.concatenate([self.world_from_cam, later.world_from_cam])
-        times_s = np.concatenate([self.times_s, later.times_s])
-        return replace(self, world_from_cam=poses, times_s=times_s)
-
 
 @dataclass(frozen=True, repr=False)
 class Motion(ShortRepr):

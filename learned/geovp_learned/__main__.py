@@ -3,6 +3,7 @@ model cards.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(required=True)
     train = verbs.add_parser("train", help="train a method")
-    train.set_defaults(run=_train)
+    train.set_defaults(run=_train, limit_seconds=math.inf)
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
     train.add_argument(
         "config",
@@ -38,42 +39,23 @@ def _parser() -> argparse.ArgumentParser:
         metavar="CONFIG.toml",
         help="a training config, or the name of a shipped one",
     )
-    train.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])",
+    options: Sequence[tuple[str, type, str]] = (
+        ("--out", Path, "folder of the run (default: runs/CONFIG[-VARIANT][-SEED])"),
+        ("--root", Path, "root of the data sets, in place of the config's"),
+        ("--variant", str, "one of the config's [variants]"),
+        ("--seed", int, "in place of the config's"),
+        ("--precision", str, "in place of the config's, as in Lightning Fabric, such as 32-true"),
+        ("--limit-seconds", float, "stop after so many seconds of training"),
     )
+    for name, kind, text in options:
+        train.add_argument(name, type=kind, help=text)
     train.add_argument(
-        "--root",
-        type=Path,
-        metavar="FOLDER",
-        help="root of the data sets, in place of the config's",
-    )
-    train.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
-    train.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
-    train.add_argument(
-        "--precision",
-        help="in place of the config's, as in Lightning Fabric: 32-true, bf16-mixed, ...",
-    )
-    train.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on with the run in the folder, if there is one",
-    )
-    train.add_argument(
-        "--limit-seconds",
-        type=float,
-        default=float("inf"),
-        metavar="S",
-        help="stop after S seconds of training",
+        "--resume", action="store_true", help="go on with the run in the folder, if there is one"
     )
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.set_defaults(run=_card)
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
-    card.add_argument(
-        "--log", type=Path, metavar="metrics.csv", help="the run's log; adds its curves"
-    )
+    card.add_argument("--log", type=Path, help="the run's metrics.csv; adds its curves")
     return parser
 
 

@@ -38,10 +38,7 @@ class TorchPredictor(ABC):
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
-        if self.checkpoint is not None:
-            fingerprint = checkpoints.fingerprint(self.checkpoint, self.fingerprint)
-            object.__setattr__(self, "fingerprint", fingerprint)
-        object.__setattr__(self, "device", devices.resolved(self.device))
+        checkpoints.identify(self, self.checkpoint)
 
     @abstractmethod
     def network(self) -> nn.Module:
@@ -86,8 +83,8 @@ def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
         new = network(images[:, -num_past:])
         if new[:, :1].shape != past[:, :1].shape:
             raise BadData(
-                f"{type(network).__name__} gives images {list(new.shape)}, expected "
-                f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]: fix its forward"
+                f"{type(network).__name__} maps images {list(past.shape)} to {list(new.shape)}, "
+                "expected the same size: fix its forward"
             )
         images = torch.cat([images, new.clamp(0, 1)], dim=1)
     return images[:, num_past : num_past + num_future]

@@ -41,7 +41,7 @@ def loader(
     num_devices = fabric.world_size
     per_step = settings.batch_size * num_devices
     first, end = first_step * per_step + fabric.global_rank, settings.num_steps * per_step
-    loader: DataLoader[Batch] = DataLoader(
+    loader = DataLoader(
         Examples(method, items, settings.seed, per_step),
         settings.batch_size,
         sampler=range(first, end, num_devices),

@@ -31,7 +31,7 @@ class NoisyNorm(nn.Module):
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """Normalise maps [B, C, H, W], modulated by noise [B, noise_size]."""
-        normal: Tensor = self.norm(maps)
+        normal = self.norm(maps)
         if self.gain_and_offset is None:
             return normal
         gain, offset = self.gain_and_offset(noise)[:, :, None, None].chunk(2, dim=1)
@@ -135,4 +135,4 @@ def _convolution(in_channels: int, out_channels: int, stride: int) -> nn.Module:
 
 
 def _upsampled(maps: Tensor) -> Tensor:
-    return functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)
+    return functional.interpolate(maps, scale_factor=2, mode="bilinear")

@@ -46,8 +46,7 @@ class Pretrained:
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
-        object.__setattr__(self, "device", devices.resolved(self.device))
+        identify(self, self.file)
         self.load()
 
     @property
@@ -57,7 +56,7 @@ class Pretrained:
 
     def load(self) -> tuple[Any, Any]:
         """Load the network, ready to predict, and the settings that it was trained with."""
-        return load(self.method, self.file, self.fingerprint, self.device)
+        return _loaded(self)
 
     @property
     def input_note(self) -> str:
@@ -88,16 +87,24 @@ def shipped(method: str) -> Path:
 
 
 @functools.lru_cache(maxsize=8)
-def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[Any, Any]:
+def _loaded(component: Pretrained) -> tuple[Any, Any]:
     """Load the first network in a weights file, and its settings, once per process; raise BadData
     if it cannot be used.
-
-    The fingerprint only distinguishes files that had the same name at different times.
     """
+    method, file = component.method, component.file
     settings, tensors = read(file, method, methods.load(method))
     name, network = next(iter(settings.build().items()))
     restore(file, network, tensors, f"{name}.")
-    return network.eval().to(device), settings
+    return network.eval().to(component.device), settings
+
+
+def identify(component: Any, path: Path | None) -> None:
+    """Set the fingerprint of a component to that of its weights, if any, and its device to one that
+    this machine has.
+    """
+    if path is not None:
+        object.__setattr__(component, "fingerprint", fingerprint(path, component.fingerprint))
+    object.__setattr__(component, "device", devices.resolved(component.device))
 
 
 def write(
@@ -109,17 +116,19 @@ def write(
 ) -> None:
     """Write the weights of networks in half precision, atomically."""
     tensors = {
-        f"{name}.{key}": _halved(tensor)
+        f"{name}.{key}": _halved(tensor).detach().cpu().contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
     metadata = {
         "format": FORMAT,
         "method": method,
-        "settings": plain(settings),
-        "history": dict(history),
+        "settings": dataclasses.asdict(settings),
+        "history": history,
     }
-    write_tensors(file, tensors, metadata)
+    texts = {key: json.dumps(value) for key, value in metadata.items()}
+    with files.checked(f"{file} cannot be written", "make room there or choose another folder"):
+        atomic.write_bytes(file, save(tensors, texts))
 
 
 def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
@@ -180,14 +189,6 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
             )
 
 
-def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
-    """Write a safetensors file with metadata as JSON, atomically."""
-    contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    texts = {key: json.dumps(value) for key, value in metadata.items()}
-    with files.checked(f"{file} cannot be written", "make room there or choose another folder"):
-        atomic.write_bytes(file, save(contiguous, texts))
-
-
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Read metadata and tensors; raise BadData if the file is missing or damaged."""
     content = files.read_bytes(file, LIMIT_BYTES)
@@ -197,18 +198,13 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         return {key: json.loads(text) for key, text in texts.items()}, loaded(content)
 
 
-def plain(settings: Any) -> dict[str, Any]:
-    """Return a dataclass of settings as plain JSON values."""
-    return dict(json.loads(json.dumps(dataclasses.asdict(settings))))
-
-
 def _dataset_note(table: Mapping[str, Any]) -> str:
     """Describe a data set that was trained on: its name, split or sequences, and size."""
     subset = (
         f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
     )
     size = "x".join(map(str, table.get("size_px", ())))
-    return " ".join(filter(None, (str(table.get("name")), subset, f"({size})" if size else "")))
+    return " ".join(filter(None, (table["name"], subset, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:

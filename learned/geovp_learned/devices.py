@@ -63,15 +63,12 @@ def on_one_thread_each(work: Callable[[Task], Result], tasks: Iterable[Task]) ->
     """
     from geovp_classic.parallel import parallel_map  # not above: training needs no numba
 
-    num_threads = torch.get_num_threads()
-    if num_threads == 1:
+    if torch.get_num_threads() == 1:
         return [work(task) for task in tasks]
 
     def on_one_thread(task: Task) -> Result:
         torch.set_num_threads(1)  # of the thread that calls it
         return work(task)
 
-    try:
+    with one_thread():
         return parallel_map(on_one_thread, tasks)
-    finally:
-        torch.set_num_threads(num_threads)

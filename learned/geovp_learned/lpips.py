@@ -70,7 +70,6 @@ MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
 BATCH = 5  # frames; limits memory
 TIMEOUT_S = 20.0
 
-MAX_BYTES = 2**30  # VGG-16 has 528 MiB
 logger = logging.getLogger(__name__)
 
 
@@ -148,7 +147,7 @@ class Lpips:
         """Return the distance per frame [F], at least 0.
 
         Raise BadData when the arrays do not fit together or are below 32 pixels, and MissingExtra
-        without weights. A failed download is not repeated in the same process.
+        without weights.
         """
         return self.over(predicted, self.prepare(target), [mask])[0]
 
@@ -213,17 +212,17 @@ def find_weights(net: Net, named: Path | None) -> Path:
     file_name = f"lpips_{net}_v0.1.npz"
     if given := named or os.environ.get(WEIGHTS_VARIABLE):
         place = Path(given).expanduser()
-        file = place / file_name if place.is_dir() else place
-        if not file.is_file():
-            raise MissingExtra(f"LPIPS weights {file} do not exist: name {file_name} or its folder")
-        return file
+        return place / file_name if place.is_dir() else place
     users_cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "geovp")
     cached = Path(os.environ.get("GEOVP_CACHE", users_cache), file_name)
-    if not cached.is_file() and (reason := _why_not_downloaded(net, cached)):
-        raise MissingExtra(
-            f"LPIPS weights for {net!r} are not on this machine and cannot be downloaded "
-            f"({reason}): set {WEIGHTS_VARIABLE} to {file_name} or its folder"
-        )
+    if not cached.is_file():
+        try:
+            _download(net, cached)
+        except (OSError, http.client.HTTPException) as error:
+            raise MissingExtra(
+                f"LPIPS weights for {net!r} are not on this machine and cannot be downloaded "
+                f"({error}): set {WEIGHTS_VARIABLE} to {file_name} or its folder"
+            ) from error
     return cached
 
 
@@ -264,37 +263,18 @@ def check_images() -> tuple[ByteArray, ByteArray]:
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
 
 
-@functools.cache
-def _why_not_downloaded(net: Net, cached: Path) -> str:
-    """Fill the cache; return "" if it worked, else the reason why not. It is tried once per
-    process.
-    """
-    try:
-        cached.parent.mkdir(parents=True, exist_ok=True)
-        backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
-        arrays: dict[str, Any] = {
-            name: value.numpy() for name, value in backbone.items() if "features." in name
-        }
-        for name, value in linear.items():
-            arrays[f"{name.partition('.')[0]}.weight"] = value.numpy().ravel()
-        with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:
-            np.savez(file, **arrays)
-    except (OSError, http.client.HTTPException, BadData) as error:
-        return str(error)
-    return ""
-
-
-def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
-    logger.info("downloading %s", url)
-    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
-        return tensors_of_pth(response.read(MAX_BYTES), url, sha256)
-
-
-def tensors_of_pth(content: bytes, name: str, sha256: str) -> Mapping[str, Tensor]:
-    """Return the tensors of a .pth file; it is opened only if its hash is right, and nothing in it
-    is executed.
-    """
-    digest = hashlib.sha256(content).hexdigest()
-    if digest != sha256:
-        raise BadData(f"{name} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")
-    return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+def _download(net: Net, cached: Path) -> None:
+    """Fill the cache; a file is opened only if its hash is right, and nothing in it is executed."""
+    arrays: dict[str, Any] = {}
+    cached.parent.mkdir(parents=True, exist_ok=True)
+    for url, sha256 in REMOTES[net]:
+        logger.info("downloading %s", url)
+        with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
+            content = response.read()
+        if hashlib.sha256(content).hexdigest() != sha256:
+            raise OSError(f"{url} does not have the SHA-256 {sha256[:8]}...")
+        for name, tensor in torch.load(io.BytesIO(content), weights_only=True).items():
+            if not name.startswith("classifier."):
+                arrays[name.replace(".model.1", "")] = tensor.numpy()
+    with atomic.atomic_write(cached) as scratch, scratch.open("wb") as file:
+        np.savez(file, **arrays)

@@ -1,8 +1,8 @@
 """The interface between the training loop and the methods, and the list of methods."""
 
-import importlib
+import pkgutil
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from torch import Tensor, nn
@@ -32,6 +32,8 @@ class Method(Protocol):
     Networks have names. A step may depend on the networks, the batch and torch's random numbers
     alone; the loop seeds these at every step, so that a killed run can be resumed exactly.
     """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def build(self) -> dict[str, nn.Module]:
         """Build new networks, initialised with torch's random numbers; the first predicts and is
@@ -65,5 +67,4 @@ def load(name: str) -> type[Method]:
     """Return the method of a name; raise UnknownComponent with the nearest name."""
     if name not in METHODS:
         raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
-    module, _, attribute = METHODS[name].partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    return pkgutil.resolve_name(METHODS[name])

@@ -29,7 +29,7 @@ def images_from_frames(frames: ByteArray) -> Tensor:
 
 def frames_from_images(images: Tensor) -> ByteArray:
     """Convert images [..., 3, H, W], clamped to [0, 1], to frames [..., H, W, 3]."""
-    return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
+    return (images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy()
 
 
 def grey(frames: ByteArray) -> ByteArray:
@@ -39,12 +39,10 @@ def grey(frames: ByteArray) -> ByteArray:
     return np.repeat(luma.reshape(*frames.shape[:-1], 1), 3, axis=-1)
 
 
-def metric_trajectory(clip: Clip, method: str) -> Trajectory:
-    """Return the poses that a method learns from; raise BadData if the clip has none in metres."""
+def metric_trajectory(clip: Clip) -> Trajectory:
+    """Return the poses to learn from; raise BadData if the clip has none in metres."""
     if clip.trajectory is None or not clip.trajectory.is_metric:
-        raise BadData(
-            f"{clip.name} has no metric poses, which {method} learns from: leave its sequence out"
-        )
+        raise BadData(f"{clip.name} has no metric poses to learn from: leave its sequence out")
     return clip.trajectory
 
 
@@ -94,9 +92,7 @@ def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
     """
     size = positions_px.new_tensor([images.shape[3], images.shape[2]])
     grid = (2 * positions_px + 1) / size - 1  # -1 and 1 are the outer edges of the image
-    return functional.grid_sample(
-        images, grid, mode="bilinear", padding_mode="border", align_corners=False
-    )
+    return functional.grid_sample(images, grid, padding_mode="border", align_corners=False)
 
 
 def psnr_db(predicted: Tensor, target: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ import cv2
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.loggers.logger import Logger
+from lightning.fabric.plugins import MixedPrecision
 from torch import Tensor, nn
 from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -28,7 +29,7 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from geovp_learned import batches, checkpoints, devices, hardware, training_config, training_log
+from geovp_learned import batches, checkpoints, devices, training_config, training_log
 from geovp_learned.methods import Batch, Losses
 from geovp_learned.training_config import Training, TrainingConfig
 
@@ -57,11 +58,35 @@ def train(
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
         cv2.setNumThreads(settings.num_threads)  # its default threads slow each other down
-    fabric = hardware.fabric(settings)
+    fabric = build_fabric(settings)
     fabric.launch()
     trainer = Trainer(config, folder, fabric, resume=resume)
     trainer.fit(limit_s)
     return trainer
+
+
+def build_fabric(settings: Training) -> Fabric:
+    """Build Lightning Fabric from the settings; raise BadData if it refuses them, or if a processor
+    lacks bfloat16: convolutions take about fifteen times as long, LSTMs fail.
+    """
+    names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
+    with files.checked("[training] does not fit this machine", "change it"):
+        fabric = Fabric(**{name: getattr(settings, name) for name in names})
+    capability = torch.backends.cpu.get_cpu_capability()
+    is_slow = fabric.device.type == "cpu" and capability in ("AVX2", "DEFAULT")
+    if is_slow and "bf16" in settings.precision:
+        reason = f"needs a processor with AVX-512 or AMX, or a GPU (this processor: {capability})"
+        raise BadData(f"precision {settings.precision} {reason}: give --precision 32-true")
+    keep_inputs(fabric)
+    return fabric
+
+
+def keep_inputs(fabric: Fabric) -> None:
+    """Let mixed precision compute in halves, but not round the inputs: a focal length of 489.5
+    would become 490 px.
+    """
+    if isinstance(precision := fabric.strategy.precision, MixedPrecision):
+        precision.convert_input = lambda data: data  # type: ignore[method-assign]
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:
@@ -87,14 +112,11 @@ class Trainer:
         with files.checked("the networks cannot be built", "change [method]"):
             networks: Any = nn.ModuleDict(self.method.build())
         optimisers = self.method.optimisers(networks)
-        self.raw = self.evaluated = networks
-        self.average: AveragedModel | None = None
-        if steps := self.settings.average_steps:
-            average = get_ema_multi_avg_fn(1 - 1 / steps)
-            self.average = AveragedModel(
-                networks, fabric.device, multi_avg_fn=average, use_buffers=True
-            )
-            self.evaluated = self.average.module
+        self.raw = networks
+        average = get_ema_multi_avg_fn(1 - 1 / max(self.settings.average_steps, 1))
+        self.average: Any = AveragedModel(
+            networks, fabric.device, multi_avg_fn=average, use_buffers=True
+        )
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
         self.schedulers: dict[str, LambdaLR] = {}
@@ -105,7 +127,7 @@ class Trainer:
             self.networks[name], self.optimisers[name] = fabric.setup(networks[name], optimiser)
         self.identity = {
             "method": config.method_name,
-            "settings": checkpoints.plain(self.method),
+            "settings": asdict(self.method),
             "training": self.settings.decisive,
             "data": training_config.describe(config.train),
         }
@@ -139,10 +161,9 @@ class Trainer:
         validation = batches.validation_loader(self.method, held_out, self.fabric)
         start_s = time.monotonic() - progress.seconds
         end_s, saved_s = progress.seconds + limit_s, progress.seconds
-        bar = tqdm(
+        for batch in tqdm(
             batches_left, total=settings.num_steps, initial=progress.step, disable=not self.loggers
-        )
-        for batch in bar:
+        ):
             if self.is_finished or progress.seconds >= end_s:
                 break
             losses = self.train_step(batch)
@@ -172,8 +193,7 @@ class Trainer:
                     network, optimiser, max_norm=max_norm, error_if_nonfinite=is_strict
                 )
             optimiser.step()
-        if self.average is not None:
-            self.average.update_parameters(self.raw)
+        self.average.update_parameters(self.raw)
         for scheduler in self.schedulers.values():
             scheduler.step()
         self.progress.step += 1
@@ -184,15 +204,15 @@ class Trainer:
         }
 
     def validate(self, held_out: Iterable[Batch]) -> None:
-        """Score the networks, or their EMA, and write their weights if they are the best so far."""
-        self.evaluated.eval()
+        """Score the EMA of the networks, and write its weights if they are the best so far."""
+        networks = self.average.module.eval()
         torch.manual_seed(0)
         num_examples, totals = 0, defaultdict[str, float](float)
         for batch in held_out:
             size = len(next(iter(batch.values())))
             num_examples += size
             with torch.no_grad():
-                numbers = self.method.validation_step(self.evaluated, batch)
+                numbers = self.method.validation_step(networks, batch)
             for name, number in numbers.items():
                 totals[name] += size * float(number)
         scores = {name: total / num_examples for name, total in totals.items()}
@@ -207,14 +227,14 @@ class Trainer:
             "command": self.config.command,
             "step": self.progress.step,
             "seconds": round(self.progress.seconds, 1),
-            "scores": dict(scores),
+            "scores": scores,
             "train": self.identity["data"],
             "validation": training_config.describe(self.config.validation),
             "training": self.settings.decisive,
         }
         if self.fabric.is_global_zero:
             file = self.folder / WEIGHTS
-            name, network = next(iter(self.evaluated.items()))
+            name, network = next(iter(self.average.module.items()))
             checkpoints.write(file, self.config.method_name, self.method, {name: network}, history)
 
     def state(self) -> dict[str, Any]:
@@ -223,13 +243,12 @@ class Trainer:
             "precision": self.fabric.strategy.precision,
             "progress": asdict(self.progress),
             "identity": self.identity,
+            "average": self.average,
         }
         for name in self.networks:
             state[f"network.{name}"] = self.networks[name]
             state[f"optimiser.{name}"] = self.optimisers[name]
             state[f"scheduler.{name}"] = self.schedulers[name]
-        if self.average is not None:
-            state["average"] = self.average
         return state
 
     def save(self) -> None:

@@ -36,9 +36,8 @@ class Training:
     warmup_steps: int = 0
     final_rate: float = 0.0  # learning rate at the end, relative to the full one
     clip_norm: float = 0.0  # of each network's gradient; 0 = unclipped
-    average_steps: int = (
-        0  # the EMA of the weights over about so many steps is validated and kept; 0 = no EMA
-    )
+    # The EMA of the weights over about so many steps is validated and kept; 0 = the last weights
+    average_steps: int = 0
     validate_every: int = 200  # steps
     log_every: int = 20  # steps
     patience: int = 0  # validations without a better score before the run stops; 0 = unlimited

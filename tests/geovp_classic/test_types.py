@@ -73,15 +73,10 @@ def test_stored_arrays_are_read_only_and_given_arrays_stay_writeable() -> None:
     poses[0, 0, 3] = 1.0
 
 
-def test_slices_of_a_trajectory_can_be_joined_again() -> None:
+def test_slices_of_a_trajectory_have_its_unit() -> None:
     path = replace(trajectory(6), scale_uncertainty=0.5)
-    joined = path[:2].then(path[2:])
-    np.testing.assert_array_equal(joined.world_from_cam, path.world_from_cam)
-    assert joined.scale_uncertainty == 0.5
-    with pytest.raises(BadData, match="cannot be joined"):
-        path[:2].then(trajectory(6, is_metric=False)[2:])
-    with pytest.raises(BadData, match="increase"):
-        path[3:].then(path[:3])
+    assert path[2:].scale_uncertainty == 0.5
+    np.testing.assert_array_equal(path[2:].world_from_cam, path.world_from_cam[2:])
 
 
 def test_only_metric_lengths_have_an_uncertainty() -> None:

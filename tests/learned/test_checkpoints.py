@@ -1,12 +1,13 @@
 """Weights files: what comes back, and one sentence for everything that can be wrong with them."""
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import save
+from safetensors.torch import save, save_file
 from torch import nn
 
 from geovp_classic.errors import BadData
@@ -93,7 +94,8 @@ def test_files_that_are_not_the_methods_weights_are_refused(
 )
 def test_settings_are_checked(tmp_path: Path, settings: object, says: str) -> None:
     metadata = {"format": checkpoints.FORMAT, "method": "toy", "settings": settings}
-    checkpoints.write_tensors(tmp_path / "w", {"a": torch.ones(1)}, metadata)
+    texts = {key: json.dumps(value) for key, value in metadata.items()}
+    save_file({"a": torch.ones(1)}, tmp_path / "w", texts)
     with pytest.raises(BadData, match=says):
         checkpoints.read(tmp_path / "w", "toy", Settings)
 

@@ -68,22 +68,11 @@ def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
     assert not torch.allclose(net.future(state, past, 3), net.future(state, 2 * past, 3))
 
 
-def test_a_fixed_window_forgets_what_lies_before_it() -> None:
-    net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
-    seen = images(6)
-    other = torch.cat([images(3, seed=1), seen[:, 3:]], dim=1)
-    torch.testing.assert_close(net(seen, 5)[1], net(other, 5)[1])
-    assert net(seen, 3)[1].shape == (1, 3, 3)
-
-
-@pytest.mark.parametrize("future", ["recurrent", "fixed-window"])
-def test_it_overfits_eight_windows(future: str) -> None:
+def test_it_overfits_eight_windows() -> None:
     """From 8 windows of a street it learns to say where the camera was and will be, to centimetres
     a step.
     """
-    architecture = replace(
-        TINY, encoder_width=1 / 8, future=future, window_pairs=2, window_future=4
-    )
+    architecture = replace(TINY, encoder_width=1 / 8)
     method = DeepVoTraining(
         architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3
     )

@@ -108,9 +108,9 @@ def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() ->
 
 
 def test_windows_are_every_run_that_fits() -> None:
-    assert [window.first for window in windows.windows([DRIVE], 7)] == [0, 1, 2, 3]
+    assert [window.first for window in windows.windows([DRIVE], 7, 1)] == [0, 1, 2, 3]
     assert [window.first for window in windows.windows([DRIVE], 7, stride=2)] == [0, 2]
-    assert windows.windows([DRIVE], 11) == []
+    assert windows.windows([DRIVE], 11, 1) == []
 
 
 def test_a_batch_draws_how_much_past_is_seen() -> None:

@@ -234,7 +234,7 @@ def test_missing_damaged_and_other_weights_are_refused(lpips_folder: Path, tmp_p
     damaged.write_bytes(b"PK\x03\x04 cut short")
     with pytest.raises(MissingExtra, match=r"damaged\.npz"):
         Lpips("alex", damaged)(noise(1), noise(2))
-    with pytest.raises(MissingExtra, match="nowhere do not exist"):
+    with pytest.raises(MissingExtra, match="nowhere cannot be read"):
         Lpips("alex", lpips_folder / "nowhere")(noise(1), noise(2))
     with pytest.raises(MissingExtra, match="'squeeze'"):
         Lpips("squeeze", lpips_folder / "lpips_alex_v0.1.npz")(noise(1), noise(2))
@@ -284,7 +284,7 @@ def test_weights_are_downloaded_once_and_score_as_the_npz_does(
 
 def test_a_download_with_another_hash_is_never_opened(remote: Path, tmp_path: Path) -> None:
     (remote / "linear.pth").write_bytes((remote / "linear.pth").read_bytes()[:-1] + b"?")
-    with pytest.raises(MissingExtra, match=r"linear\.pth has SHA-256"):
+    with pytest.raises(MissingExtra, match=r"linear\.pth does not have the SHA-256"):
         Lpips()(noise(1), noise(2))
     assert list((tmp_path / "cache" / "geovp").iterdir()) == []
 

@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned import batches, checkpoints, hardware, training, training_log
+from geovp_learned import batches, checkpoints, training, training_log
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.training import learning_rate_factor
 from geovp_learned.training_config import Training, TrainingConfig
@@ -221,7 +221,7 @@ def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(
         scaler = torch.amp.GradScaler("cpu", init_scale=4.0, growth_interval=7)
         return Fabric(accelerator="cpu", plugins=[MixedPrecision("16-mixed", "cpu", scaler)])
 
-    monkeypatch.setattr(hardware, "Fabric", halves)
+    monkeypatch.setattr(training, "Fabric", halves)
     mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
     train_whole_and_in_pieces(mixed, tmp_path)
     factors = [state_of(tmp_path / each)["precision"] for each in ("whole", "pieces")]
@@ -270,7 +270,7 @@ def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path
 
 def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given() -> None:
     fabric = Fabric(accelerator="cpu", precision="bf16-mixed")
-    hardware.keep_inputs(fabric)
+    training.keep_inputs(fabric)
     given = {}
 
     class Keeping(nn.Linear):

@@ -213,7 +213,7 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
         frame_rate_hz=request.rate_hz,
         camera_height_m=request.camera_height_m,
     )
-    return folder.recording, None
+    return next(iter(folder.recordings.values())), None
 
 
 def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:

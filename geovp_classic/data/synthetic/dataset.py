@@ -69,22 +69,20 @@ class Synthetic(Optics):
         street = build_street(seed, manoeuvre)
         times_s = (first + np.arange(self.num_frames)) / 10.0
         world_from_cam = self._world_from_cam(street.ego, times_s, seed)
-        square, full = self._cameras()
-        camera = full if self.with_full else square
+        square, wide = self._cameras()
+        camera = wide if self.with_full else square
         light, depths, moving = render_drive(
             street, world_from_cam, camera, times_s, self
         )
         frames = self._expose(light, index, 0)
-        views = {}
-        if self.with_full:
-            views["full"] = ExtraView(frames, full, np.eye(4))
+        right = None
         if self.with_right:
             right_from_left = np.eye(4)
             right_from_left[0, 3] = -0.54  # KITTI's baseline
             poses = world_from_cam @ se3.inverse(right_from_left)
-            light, _, _ = render_drive(street, poses, full, times_s, self)
-            right = self._expose(light, index, 1)
-            views["right"] = ExtraView(right, full, right_from_left)
+            light, _, _ = render_drive(street, poses, wide, times_s, self)
+            images = self._expose(light, index, 1)
+            right = ExtraView(images, wide, right_from_left)
         return Clip(
             name=self.clip_names[index],
             frames=_middle(frames, square.width_px),
@@ -93,8 +91,9 @@ class Synthetic(Optics):
             trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
             depths=_middle(depths, square.width_px),
             moving=_middle(moving, square.width_px),
+            full=ExtraView(frames, wide, np.eye(4)) if self.with_full else None,
+            right=right,
             camera_height_m=self.camera_height_m,
-            **views,
         )
 
     def window(self, index: int) -> tuple[int, str, int]:

@@ -51,15 +51,21 @@ def render_drive(
     times_s: FloatArray,  # [T]
     optics: Optics,
 ) -> Rendering:
-    """Render the street at any times."""
+    """Render the street at any times, blurred with light from beyond the border of the image."""
+    margin_px = int(3.0 * optics.blur_px + 0.5) + 1
+    width_px = camera.width_px + 2 * margin_px
+    height_px = camera.height_px + 2 * margin_px
+    wide = camera.cropped(-margin_px, -margin_px, width_px, height_px)
 
     def render(step: int) -> Rendering:
         caster = RayCaster(street.solids_at(times_s[step]))
-        view = _View(caster, street, optics, world_from_cam[step], camera)
+        view = _View(caster, street, optics, world_from_cam[step], wide)
         return view.render()
 
     frames = parallel_map(render, range(len(times_s)))
-    return Rendering(*map(np.stack, zip(*frames, strict=True)))
+    inner = np.s_[:, margin_px:-margin_px, margin_px:-margin_px]
+    images = zip(*frames, strict=True)
+    return Rendering(*(np.stack(each)[inner] for each in images))
 
 
 class _Hits(NamedTuple):
@@ -88,35 +94,28 @@ class _View:
         """Return light [H, W, 3], depth [H, W] and moving [H, W].
 
         Pixels are averages of four rays if their neighbours show another texture or differ much in
-        light (Mitchell 1987). Both look beyond the border of the image.
+        light (Mitchell 1987).
         """
-        blur_px = self.optics.blur_px
-        margin_px = int(3.0 * blur_px + 0.5) + 1
-        height_px = self.camera.height_px + 2 * margin_px
-        width_px = self.camera.width_px + 2 * margin_px
-        rows, columns = np.indices((height_px, width_px), float) - margin_px
-        pixels = np.column_stack([columns.ravel(), rows.ravel()])
-        light, depth, is_moving, texture = self._trace(pixels)
-
-        channels = np.column_stack([light, texture])
-        channels = channels.reshape(height_px, width_px, 4)
+        pixels = pinhole.pixel_grid(self.camera)
+        shape = pixels.shape[:2]
+        light, depth, is_moving, texture = self._trace(pixels.reshape(-1, 2))
+        light = light.reshape(*shape, 3)
+        is_moving = is_moving.reshape(shape)
+        channels = np.dstack([light, texture.reshape(shape)])
         high = cv2.dilate(channels, np.ones((3, 3)))
         low = cv2.erode(channels, np.ones((3, 3)))
         max_contrast = [0.5, 0.5, 0.5, 0.0]  # (high - low) / (high + low)
         is_edge = (high - low > max_contrast * (high + low)).any(axis=-1)
-        edges = np.flatnonzero(is_edge)
         for offset_px in ((-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)):
-            more, _, more_moving, _ = self._trace(pixels[edges] + offset_px)
-            light[edges] += more
-            is_moving[edges] |= more_moving
-        light[edges] /= 4
+            more, _, more_moving, _ = self._trace(pixels[is_edge] + offset_px)
+            light[is_edge] += more
+            is_moving[is_edge] |= more_moving
+        light[is_edge] /= 4
 
-        light = light.reshape(height_px, width_px, 3)
+        blur_px = self.optics.blur_px
         light = gaussian_filter(light, (blur_px, blur_px, 0), truncate=3.0)
-        depth = depth.reshape(height_px, width_px).astype(np.float32)
-        is_moving = is_moving.reshape(height_px, width_px)
-        inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
-        return Rendering(light[inner], depth[inner], is_moving[inner])
+        depth = depth.reshape(shape).astype(np.float32)
+        return Rendering(light, depth, is_moving)
 
     def _trace(
         self, pixels: FloatArray
@@ -162,7 +161,7 @@ class _View:
         solids = self.caster.solids
         frame = self.caster.local_from_world[numbers]  # [N, 3, 4]
         local = np.einsum("nij,nj->ni", frame[..., :3], points) + frame[..., 3]
-        direction = solids.planes[numbers, faces, :3]
+        direction = self.caster.planes[numbers, faces, :3]
         is_round = solids.is_round[numbers]
         direction[is_round] = local[is_round] - 0.5
         normal = _unit(np.einsum("nij,ni->nj", frame[..., :3], direction))
@@ -176,7 +175,7 @@ class _View:
         tiles[np.isnan(tiles)] = 1
         uv = tiles * local[pick]
         uv_axes *= tiles[..., None]
-        ground = np.flatnonzero(texture == Texture.GROUND)
+        ground = texture == Texture.GROUND
         places = points[ground, 0] + 1j * points[ground, 2]
         surface = self.street.roads.surface(places)
         texture[ground], uv[ground], uv_axes[ground] = surface

@@ -131,18 +131,19 @@ class Roads:
     corner_radius_m: float = 6.0
     zebra_m: float = 3.0  # length of a zebra crossing along the road
 
-    def distance_m(self, places: Places) -> FloatArray:
-        """Return the signed distance [N] of places [N] from the kerb, negative on the road."""
-        located = [path.locate(places)[0].real for path in self.paths]
-        return self._from_kerb_m(np.abs(located))
+    def locate(self, places: Places) -> tuple[Places, FloatArray, FloatArray]:
+        """Return (right + i along) of places [N] and yaw_rad on each path [paths, N].
 
-    def _from_kerb_m(self, from_middle_m: FloatArray) -> FloatArray:
-        """Return distances [N] from the kerb for distances [paths, N] from the paths."""
-        sides_m = from_middle_m - self.half_width_m
+        The third is the signed distance [N] from the kerb, negative on the road.
+        """
+        rows = [path.locate(places) for path in self.paths]
+        located, yaw_rad = map(np.array, zip(*rows, strict=True))
+        sides_m = np.abs(located.real) - self.half_width_m
         radius_m = self.corner_radius_m
         inside_m = np.maximum(radius_m - sides_m, 0)
         outside_m = np.maximum(radius_m, sides_m.min(axis=0))
-        return outside_m - np.linalg.norm(inside_m, axis=0)
+        from_kerb_m = outside_m - np.linalg.norm(inside_m, axis=0)
+        return located, yaw_rad, from_kerb_m
 
     def surface(
         self, places: Places
@@ -152,10 +153,8 @@ class Roads:
         Returns its texture [N], the place on the texture [N, 2] in tiles, and the change of that
         place by a step in the world [N, 2, 3].
         """
-        rows = [path.locate(places) for path in self.paths]
-        located, yaw_rad = map(np.array, zip(*rows, strict=True))  # [paths, N]
+        located, yaw_rad, from_kerb_m = self.locate(places)
         from_middle_m = np.abs(located.real)
-        from_kerb_m = self._from_kerb_m(from_middle_m)
         # The textures of road, kerb, pavement and grass follow each other.
         bands_m = [0.0, self.kerb_m, self.pavement_m]
         texture = Texture.ROAD + np.digitize(from_kerb_m, bands_m)

@@ -19,7 +19,7 @@ class Solids(NamedTuple):
     """Solids with the textures of the surfaces across x, y and z."""
 
     world_from_local: FloatArray  # [K, 4, 4], affine
-    planes: FloatArray  # [K, 6, 4], local, outward; left, right, top, foot, rear, front
+    taper: FloatArray  # [K, 4], at left, right, rear and front of the top
     is_round: BoolArray  # [K], ellipsoids
     textures: IntArray  # [K, 3]
     tints: FloatArray  # [K, 3, 3], (surfaces) x (red, green, blue)
@@ -35,16 +35,6 @@ def joined(solids: Sequence[Solids]) -> Solids:
     return Solids(*map(np.concatenate, zip(*solids, strict=True)))
 
 
-def box_planes(taper: Sequence[float]) -> FloatArray:
-    """Return the faces [6, 4] of a box whose top is narrower at left, right, rear and front."""
-    planes = np.zeros((6, 4))
-    planes[range(6), [0, 0, 1, 1, 2, 2]] = [-1.0, 1.0] * 3
-    planes[1::2, 3] = -1.0
-    planes[[0, 1, 4, 5], 1] = np.negative(taper)
-    planes[[0, 1, 4, 5], 3] += taper
-    return planes
-
-
 class RayCaster:
     """Solids in a hierarchy of bounding boxes (Kay & Kajiya 1986).
 
@@ -54,6 +44,13 @@ class RayCaster:
 
     def __init__(self, solids: Solids) -> None:
         self.solids = solids
+        # local and outward; left, right, top, foot, rear, front
+        self.planes = np.zeros((len(solids.taper), 6, 4))
+        self.planes[:, range(6), [0, 0, 1, 1, 2, 2]] = [-1.0, 1.0] * 3
+        self.planes[:, 1::2, 3] = -1.0
+        sides = [0, 1, 4, 5]
+        self.planes[:, sides, 1] = -solids.taper
+        self.planes[:, sides, 3] += solids.taper
         self.local_from_world = np.linalg.inv(solids.world_from_local)[:, :3]
         axes = solids.world_from_local[:, :3, :3]
         corners = axes @ np.indices((2, 2, 2)).reshape(3, 8)
@@ -78,7 +75,7 @@ class RayCaster:
         rays = np.broadcast_arrays(origins, directions)
         rays = tuple(map(np.ascontiguousarray, rays))
         tree = (self.bounds, self.leaves, self.local_from_world)
-        return _cast(*tree, self.solids.planes, self.solids.is_round, *rays)
+        return _cast(*tree, self.planes, self.solids.is_round, *rays)
 
 
 @kernel

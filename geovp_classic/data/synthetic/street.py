@@ -21,7 +21,7 @@ from geovp_classic.data.synthetic.roads import (
     from_bends,
     world_from_vehicle,
 )
-from geovp_classic.data.synthetic.solids import Solids, box_planes, joined
+from geovp_classic.data.synthetic.solids import Solids, joined
 from geovp_classic.data.synthetic.textures import Texture, sample
 from geovp_classic.types import BoolArray, FloatArray
 
@@ -147,26 +147,17 @@ def model(rng: Generator, name: str) -> Solids:
     tints = {
         name: rng.choice(choices) for name, choices in TABLES["tints"].items()
     }
-    parts = _tree(rng) if name == "tree" else TABLES["models"][name]
-    columns = zip(*(_solid(tints, **solid) for solid in parts), strict=True)
-    return Solids(*map(np.array, columns))
-
-
-def _solid(
-    tints: dict[str, FloatArray],
-    low: Sequence[float],  # [3], left, foot and rear
-    high: Sequence[float],  # [3]
-    paint: Sequence[tuple[str, str]],
-    taper: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
-    round: bool = False,
-) -> tuple[Any, ...]:
-    """Return the fields of one solid."""
-    world_from_local = np.diag([*np.subtract(high, low), 1.0])
-    world_from_local[:3, 3] = low[0], -high[1], low[2]
-    surfaces = [*paint] * (3 // len(paint))
-    textures = [Texture[texture.upper()] for texture, _ in surfaces]
-    surface_tints = [tints[tint] for _, tint in surfaces]
-    return world_from_local, box_planes(taper), round, textures, surface_tints
+    solids = []
+    for part in _tree(rng) if name == "tree" else TABLES["models"][name]:
+        low, high = part["low"], part["high"]
+        world_from_local = np.diag([*np.subtract(high, low), 1.0])
+        world_from_local[:3, 3] = low[0], -high[1], low[2]
+        paint = part["paint"] * (3 // len(part["paint"]))
+        textures = [Texture[texture.upper()] for texture, _ in paint]
+        surface_tints = [tints[tint] for _, tint in paint]
+        shape = part.get("taper", [0.0] * 4), part.get("round", False)
+        solids.append((world_from_local, *shape, textures, surface_tints))
+    return Solids(*map(np.array, zip(*solids, strict=True)))
 
 
 def _tree(rng: Generator) -> list[dict[str, Any]]:
@@ -175,21 +166,16 @@ def _tree(rng: Generator) -> list[dict[str, Any]]:
     crown_m = height_m * rng.uniform(0.22, 0.32) * np.array([1, 1.1, 1])
     middle_m = [0, height_m - crown_m[1], 0]
     trunk_m = 0.022 * height_m * np.array([1, 35, 1])
-    parts = [_ellipsoid(0 * trunk_m, trunk_m, "plaster", "bark")]
+    ellipsoids = [(0 * trunk_m, trunk_m, ("plaster", "bark"))]
     for _ in range(24):
         out_m = rng.normal(size=3)
         out_m *= crown_m * rng.uniform(0.3, 0.85) / np.linalg.norm(out_m)
         radii_m = crown_m * rng.uniform(0.25, 0.45) * rng.uniform(0.8, 1.2, 3)
-        parts.append(_ellipsoid(middle_m + out_m, radii_m, "leaves", "greens"))
-    return parts
-
-
-def _ellipsoid(
-    middle: FloatArray, radii: FloatArray, *paint: str
-) -> dict[str, Any]:
-    """Return a part of an object as street.toml describes it."""
-    corners = {"low": middle - radii, "high": middle + radii}
-    return {**corners, "paint": [paint], "round": True}
+        ellipsoids.append((middle_m + out_m, radii_m, ("leaves", "greens")))
+    return [
+        {"low": at - radii, "high": at + radii, "paint": [paint], "round": True}
+        for at, radii, paint in ellipsoids
+    ]
 
 
 def _furniture(
@@ -214,7 +200,7 @@ def _furniture(
             if (
                 not 1.7 < from_drive_m < 110.0
                 or (gaps_m < radius_m).any()
-                or roads.distance_m(places).min() < from_kerb_m - 0.3
+                or roads.locate(places)[-1].min() < from_kerb_m - 0.3
             ):
                 continue
             occupied = np.vstack([occupied, [places[0], radius_m]])

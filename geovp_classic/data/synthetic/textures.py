@@ -124,7 +124,6 @@ def _draw(
 def mip_maps() -> tuple[ByteArray, ...]:
     """Paint all textures; return RGBA [textures, S, S, 4] for S = SIZE, SIZE / 2, ... 1."""
     # All streets share the images; they differ by tints and layout.
-    averaged = {"interpolation": cv2.INTER_AREA}
     images = [
         _painted(np.random.default_rng([20_110_926, number]), **table)
         for number, table in enumerate(TABLES.values())
@@ -132,7 +131,10 @@ def mip_maps() -> tuple[ByteArray, ...]:
     levels = []
     for level in range(SIZE.bit_length()):
         size = (SIZE >> level, SIZE >> level)
-        smaller = [cv2.resize(image, size, **averaged) for image in images]
+        smaller = [
+            cv2.resize(image, size, None, 0, 0, cv2.INTER_AREA)
+            for image in images
+        ]
         levels.append(np.array(smaller))
     return tuple(levels)
 

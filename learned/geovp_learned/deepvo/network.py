@@ -12,7 +12,6 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import Incompatible
 from geovp_classic.types import Intrinsics
 
 Head = Literal["2d", "3d"]
@@ -49,10 +48,11 @@ class Architecture:
     lstm_size: int = 50
     lstm_layers: int = 1
     head: Head = "2d"
-    future: Literal["recurrent", "fixed-window"] = "recurrent"
     decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
-    window_pairs: int = 4  # of the fixed window
-    window_future: int = 20  # steps that the fixed window predicts
+    # Without effect, but stored with the shipped weights: a decoder without recurrence was dropped
+    future: Literal["recurrent"] = "recurrent"
+    window_pairs: int = 4
+    window_future: int = 20
 
     @property
     def camera(self) -> Intrinsics:
@@ -78,22 +78,15 @@ class PoseNetwork(nn.Module):
             features, size, layers, batch_first=True, dropout=drop if layers > 1 else 0.0
         )
         self.past_head = StepHead(size, architecture.head)
-        self.future: Decoder | FixedWindow
-        if architecture.future == "recurrent":
-            self.future = Decoder(architecture)
-        else:
-            self.future = FixedWindow(architecture, features)
+        self.future = Decoder(architecture)
         self.train()
 
     def forward(self, images: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
         """Estimate steps [B, P - 1, D] within images [B, P, 3, H, W] in [0, 1] and [B, F, D] after
         them; P >= 2.
         """
-        features = self.encode(images)  # [B, P - 1, N]
-        hidden, state = self.past(features)
+        hidden, state = self.past(self.encode(images))
         past = self.past_head(hidden)
-        if isinstance(self.future, FixedWindow):
-            return past, self.future(features, num_future)
         return past, self.future(state, past, num_future)
 
     def encode(self, images: Tensor) -> Tensor:
@@ -125,34 +118,6 @@ class Decoder(nn.Module):
             _, state = self.from_poses(past / self.head.scale)
         hidden, _ = self.lstm(past.new_zeros(len(past), num_future, 1), state)
         return self.head(hidden)
-
-
-class FixedWindow(nn.Module):
-    """All future steps at once from the features of the last few pairs, without recurrence."""
-
-    def __init__(self, architecture: Architecture, features: int) -> None:
-        super().__init__()
-        self.num_pairs, self.num_future = architecture.window_pairs, architecture.window_future
-        self.each = nn.Linear(features, architecture.lstm_size)
-        self.together = nn.Sequential(
-            nn.Linear(self.num_pairs * architecture.lstm_size, 4 * architecture.lstm_size),
-            nn.LeakyReLU(0.1),
-        )
-        self.out = nn.Linear(4 * architecture.lstm_size, self.num_future * architecture.lstm_size)
-        self.head = StepHead(architecture.lstm_size, architecture.head)
-
-    def forward(self, features: Tensor, num_future: int) -> Tensor:
-        """Predict steps [B, F, D]; raise Incompatible for a past that is too short or a future that
-        is too long.
-        """
-        if features.shape[1] < self.num_pairs or num_future > self.num_future:
-            raise Incompatible(
-                f"a fixed-window pose predictor takes {self.num_pairs + 1} frames or more and "
-                f"predicts {self.num_future} steps at most: use a recurrent one"
-            )
-        window = nn.functional.leaky_relu(self.each(features[:, -self.num_pairs :]), 0.1).flatten(1)
-        hidden = self.out(self.together(window)).unflatten(1, (self.num_future, -1))
-        return self.head(hidden)[:, :num_future]
 
 
 class StepHead(nn.Module):

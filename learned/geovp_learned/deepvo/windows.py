@@ -51,14 +51,14 @@ NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
     """Read the clip for a network with this camera; raise BadData if there are no metric poses."""
-    trajectory = tensors.metric_trajectory(clip, "deepvo")
+    trajectory = tensors.metric_trajectory(clip)
     source = clip if clip.full is None else clip.full
     pairs = [tensors.shrink(frame, source.intrinsics, camera) for frame in source.frames]
     frames, cameras = zip(*pairs, strict=True)
     return ResizedClip(frames, cameras[0], trajectory.world_from_cam)
 
 
-def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int = 1) -> list[Window]:
+def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int) -> list[Window]:
     """Return every `stride`-th window of `num_frames` frames."""
     return [
         Window(clip, first)

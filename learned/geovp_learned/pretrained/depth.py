@@ -49,7 +49,7 @@ class NetworkDepth(ABC):
         maps = np.full((num_past, height_px, width_px), np.nan, np.float32)
         output = self.predict(context.frames[steps])
         for step, values in zip(steps, inverse_of(output, self.values), strict=True):
-            maps[step] = cv2.resize(values, (width_px, height_px), interpolation=cv2.INTER_LINEAR)
+            maps[step] = cv2.resize(values, (width_px, height_px))
         if self.align:
             return self.alignment.align(maps, context.only(self.needs), past)
         return metric(maps, past)

@@ -33,21 +33,14 @@ class HuggingFaceDepth(NetworkDepth):
     fingerprint: str = ""
 
     def __post_init__(self) -> None:
-        is_local = Path(self.model).is_dir()
-        if not is_local and not re.fullmatch(r"[0-9a-f]{40}", self.revision):
+        folder = Path(self.model) if Path(self.model).is_dir() else None
+        if folder is None and not re.fullmatch(r"[0-9a-f]{40}", self.revision):
             raise BadData(
                 f"{self.model} is not a folder, and revision is {self.revision!r}: give a local "
                 "folder, or the 40 digits of a commit of the hub"
             )
-        if is_local:
-            fingerprint = checkpoints.fingerprint(Path(self.model), self.fingerprint)
-            object.__setattr__(self, "fingerprint", fingerprint)
-        object.__setattr__(self, "device", devices.resolved(self.device))
-        self.load()
-
-    def load(self) -> tuple[Any, Any]:
-        """Return the network and its image processor."""
-        return load(self.model, self.revision, self.fingerprint, self.device)
+        checkpoints.identify(self, folder)
+        load(self)
 
     @property
     def weights_note(self) -> str:
@@ -59,23 +52,23 @@ class HuggingFaceDepth(NetworkDepth):
     @torch.inference_mode()
     def predict(self, frames: ByteArray) -> FloatArray:
         """Return the predicted depth [N, H', W'] of all frames in one batch."""
-        network, processor = self.load()
+        network, processor = load(self)
         images = processor(list(frames), return_tensors="pt")["pixel_values"]
         depth = network(pixel_values=images.to(self.device)).predicted_depth
         return depth.float().cpu().numpy()
 
 
 @functools.lru_cache(maxsize=2)
-def load(model: str, revision: str, fingerprint: str, device: str) -> tuple[Any, Any]:
+def load(depth: HuggingFaceDepth) -> tuple[Any, Any]:
     """Return the network and its image processor, once per process.
 
-    Nothing in the files is executed. Raises BadData if they cannot be read or downloaded. The
-    fingerprint only distinguishes files of one folder at different times.
+    Nothing in the files is executed. Raises BadData if they cannot be read or downloaded.
     """
+    model, revision = depth.model, depth.revision
     pinned = {"revision": revision} if revision else {"local_files_only": True}
     with files.checked(f"{model} cannot be loaded", ADVICE):
         network = AutoModelForDepthEstimation.from_pretrained(
             model, use_safetensors=True, trust_remote_code=False, **pinned
         )
         processor = AutoImageProcessor.from_pretrained(model, do_pad=False, **pinned)
-    return network.eval().to(device), processor
+    return network.eval().to(depth.device), processor

@@ -33,16 +33,12 @@ class OnnxFile:
     def __post_init__(self) -> None:
         fingerprint = checkpoints.fingerprint(self.path, self.fingerprint)
         object.__setattr__(self, "fingerprint", fingerprint)
-        self.session()
+        session(self)
 
     @property
     def weights_note(self) -> str:
         """Describe the weights in a note below tables."""
         return note_on_weights(f"onnx weights {self.path.name} {self.fingerprint}", self.device)
-
-    def session(self) -> onnxruntime.InferenceSession:
-        """Open the file; errors as in `session_of`."""
-        return session_of(self.path, self.fingerprint, self.device)
 
     def input_size(self, shape: Sequence[int | str]) -> tuple[int, int]:
         """Return the size (width, height) of an input of this shape; raise BadData unless it has
@@ -74,15 +70,14 @@ class OnnxDepth(OnnxFile, NetworkDepth):
 
     def predict(self, frames: ByteArray) -> FloatArray:
         """Return the output [N, H', W']; raise BadData if the file does not fit the settings."""
-        session = self.session()
-        (tensor,) = session.get_inputs()
+        (tensor,) = session(self).get_inputs()
         images = normalised(frames, self.input_size(tensor.shape), self.mean, self.std)
         channel_axis = 1 if tensor.shape[1] == 3 else -1
         images = np.ascontiguousarray(np.moveaxis(images, 1, channel_axis))
         num_batches = len(images) if isinstance(tensor.shape[0], int) else 1
         with files.checked(f"{self.path} cannot be run", "adapt size_px and output to the file"):
             outputs = [
-                session.run(None, {tensor.name: batch})[self.output]
+                session(self).run(None, {tensor.name: batch})[self.output]
                 for batch in np.split(images, num_batches)
             ]
             maps = np.concatenate(outputs).astype(np.float32)
@@ -104,28 +99,28 @@ class OnnxInpainter(OnnxFile):
         return inpaint_each(views, last, self._inpaint_frame)
 
     def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        session = self.session()
-        inputs = sorted(session.get_inputs(), key=lambda tensor: 3 not in tensor.shape)
-        image_input, mask_input = inputs
+        inputs = session(self).get_inputs()
+        image_input, mask_input = sorted(inputs, key=lambda tensor: 3 not in tensor.shape)
         size_px = self.input_size(image_input.shape)
         visible = np.where(covered[..., None], frame, np.uint8(0))
-        image = normalised(visible[None], size_px, (0.0,) * 3, (1.0,) * 3)
-        hole = cv2.resize((~covered).astype(np.float32), size_px, interpolation=cv2.INTER_LINEAR)
+        image = normalised(visible[None], size_px)
+        hole = cv2.resize((~covered).astype(np.float32), size_px)
         mask = (hole > 0).astype(np.float32)[None, None]
         with files.checked(f"{self.path} cannot be run", "adapt size_px to the file"):
             feed = {image_input.name: image, mask_input.name: mask}
-            (inpainted,) = session.run(None, feed)[0]
-        colours = np.moveaxis(inpainted, 0, -1) * (255 / self.output_max)
-        rounded = np.clip(np.rint(colours), 0, 255).astype(np.uint8)
-        resized = pinhole.resize(rounded, (frame.shape[1], frame.shape[0]))
+            (inpainted,) = session(self).run(None, feed)[0]
+        colours = np.rint(np.moveaxis(inpainted, 0, -1) * (255 / self.output_max))
+        resized = pinhole.resize(
+            colours.clip(0, 255).astype(np.uint8), (frame.shape[1], frame.shape[0])
+        )
         return np.where(covered[..., None], frame, resized)
 
 
 def normalised(
     frames: ByteArray,  # [N, H, W, 3]
     size_px: tuple[int, int],  # (width, height)
-    mean: tuple[float, ...],  # of the red, green and blue in [0, 1]
-    std: tuple[float, ...],
+    mean: tuple[float, ...] = (0.0,),  # of the red, green and blue in [0, 1]
+    std: tuple[float, ...] = (1.0,),
 ) -> FloatArray:
     """Return images [N, 3, H', W'] float32 of a network's size, mean and standard deviation."""
     resized = np.stack([pinhole.resize(frame, size_px) for frame in frames])
@@ -134,21 +129,21 @@ def normalised(
 
 
 @functools.lru_cache(maxsize=4)
-def session_of(path: Path, fingerprint: str, device: str) -> onnxruntime.InferenceSession:
+def session(file: OnnxFile) -> onnxruntime.InferenceSession:
     """Open an ONNX file once per process; raise BadData if it is damaged or the device is missing.
 
     `device` is "cpu", "cuda" or "auto", which is a GPU where onnxruntime has one.
     """
     available = onnxruntime.get_available_providers()
-    kind, _, number = device.partition(":")
+    kind, _, number = file.device.partition(":")
     if kind == "auto":
         kind = "cuda" if "CUDAExecutionProvider" in available else "cpu"
     provider = f"{kind.upper()}ExecutionProvider"
     if provider not in available:
         raise BadData(
-            f"device {device!r}: onnxruntime has {', '.join(available)}: give 'cpu' or 'auto', or "
-            "install onnxruntime-gpu"
+            f"device {file.device!r}: onnxruntime has {', '.join(available)}: give 'cpu' or "
+            "'auto', or install onnxruntime-gpu"
         )
     options = [{"device_id": number}] if number else None
-    with files.checked(f"{path} cannot be loaded", "give a whole ONNX file"):
-        return onnxruntime.InferenceSession(str(path), None, [provider], options)
+    with files.checked(f"{file.path} cannot be loaded", "give a whole ONNX file"):
+        return onnxruntime.InferenceSession(str(file.path), None, [provider], options)

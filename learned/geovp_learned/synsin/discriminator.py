@@ -2,7 +2,6 @@
 scores.
 """
 
-import itertools
 from collections.abc import Sequence
 
 import torch
@@ -14,28 +13,14 @@ Features = list[Tensor]  # of one scale: feature maps from fine to coarse, then 
 
 
 class MultiScaleDiscriminator(nn.Module):
-    """Patch networks at full size, at half of it, and so on; convolutions with spectral
-    normalisation.
-
-    With instance normalisation, as SynSin's repository has it, first and last convolution have no
-    normalisation at all.
+    """Patch networks at full and at half size, as in SynSin's repository: spectral and instance
+    normalisation in all layers but the first and the last.
     """
 
-    def __init__(
-        self,
-        width: int = 64,
-        num_levels: int = 3,
-        num_scales: int = 2,
-        *,
-        with_instance_norm: bool = False,
-    ) -> None:
-        """Build patch networks of `num_levels` strided convolutions, the first with `width`
-        channels.
-        """
+    def __init__(self, width: int) -> None:
+        """Build the patch networks; `width` are the channels of their first layer."""
         super().__init__()
-        self.scales = nn.ModuleList(
-            _PatchNetwork(width, num_levels, with_instance_norm) for _ in range(num_scales)
-        )
+        self.scales = nn.ModuleList(_PatchNetwork(width) for _ in range(2))
 
     def forward(self, frames: Tensor) -> list[Features]:
         """Return features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
@@ -47,19 +32,16 @@ class MultiScaleDiscriminator(nn.Module):
 
 
 class _PatchNetwork(nn.Module):
-    def __init__(self, width: int, num_levels: int, with_instance_norm: bool) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
-        channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
-        self.layers = nn.ModuleList()
-        for level, (a, b) in enumerate(itertools.pairwise(channels)):
-            normalised = with_instance_norm and level > 0
-            layer: nn.Module = nn.Conv2d(
-                a, b, 4, 2 if level < num_levels else 1, padding=2, bias=not normalised
+        self.layers = nn.ModuleList([nn.Conv2d(3, width, 4, stride=2, padding=2)])
+        for factor, stride in ((1, 2), (2, 2), (4, 1)):
+            channels = 2 * factor * width
+            convolution = nn.Conv2d(factor * width, channels, 4, stride, padding=2, bias=False)
+            self.layers.append(
+                nn.Sequential(spectral_norm(convolution), nn.InstanceNorm2d(channels))
             )
-            layer = layer if with_instance_norm and level == 0 else spectral_norm(layer)
-            self.layers.append(nn.Sequential(layer, nn.InstanceNorm2d(b)) if normalised else layer)
-        head = nn.Conv2d(channels[-1], 1, 4, padding=2)
-        self.head: nn.Module = head if with_instance_norm else spectral_norm(head)
+        self.head = nn.Conv2d(8 * width, 1, 4, padding=2)
 
     def forward(self, frames: Tensor) -> Features:
         maps = []
@@ -87,9 +69,9 @@ def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str,
     critic.requires_grad_(False)
     given = critic(fake)
     critic.requires_grad_(True)
-    distances: list[Tensor] = []
+    distances = []
     for ours, theirs in zip(given, wanted, strict=True):
-        layers = zip(ours[:-1], theirs[:-1], strict=True)
+        *layers, _ = zip(ours, theirs, strict=True)  # without the scores
         distances += [functional.l1_loss(a, b) for a, b in layers]
     return {
         "adversarial": -torch.stack([scale[-1].mean() for scale in given]).mean(),

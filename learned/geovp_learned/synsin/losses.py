@@ -1,7 +1,7 @@
 """SynSin's losses: colour, content, depth where it is known, and two self-supervised losses of
 depth.
 
-The paper's content loss compares features of VGG-19 (`vgg`); by default LPIPS's on SqueezeNet
+The paper's content loss compares features of VGG-19; by default LPIPS's on SqueezeNet
 replace them, since tables report LPIPS on AlexNet. The reprojection loss and the smoothness loss
 (Garg et al. 2016; Godard et al. 2019) are not in SynSin, whose depth network learns from the
 splatter's gradient alone. That gradient reaches about a pixel and is drowned by the content loss:
@@ -9,18 +9,24 @@ on the synthetic street it is a hundred times as long as the true depth's gradie
 another way (cosine -0.1).
 """
 
+import functools
+from pathlib import Path
 from typing import Literal
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from geovp_learned import lpips, vgg
+from geovp_classic import files
+from geovp_learned import lpips
+from geovp_learned.feature_networks import FeatureNetwork, vgg19
 from geovp_learned.synsin import splatting
 from geovp_learned.tensors import sample_images
 
 ContentNet = Literal["alex", "squeeze", "vgg19"]
 
+VGG19 = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"  # 575 MB; its name has its hash
+LAYER_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)  # Wang et al. 2018; SynSin's repository
 SSIM_WEIGHT = 0.85  # Godard et al. 2019, eq. 2
 C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
 
@@ -29,14 +35,28 @@ def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
     """Return the mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in
     `predicted`.
 
-    MissingExtra when there are no weights.
+    BadData or MissingExtra when there are no weights.
     """
     predicted, target = predicted.float(), target.float()
-    if net == "vgg19":
-        return vgg.content_loss(predicted, target)
-    file = lpips.find_weights(net, None)
-    network = lpips.load_network(net, file, str(predicted.device))
-    return network(predicted, target).mean()
+    if net != "vgg19":
+        file = lpips.find_weights(net, None)
+        return lpips.load_network(net, file, str(predicted.device))(predicted, target).mean()
+    network = vgg19_network(predicted.device)
+    features = zip(*(network(2 * frames - 1) for frames in (predicted, target)), strict=True)
+    losses = torch.stack([functional.l1_loss(ours, real) for ours, real in features])
+    return losses @ losses.new_tensor(LAYER_WEIGHTS)
+
+
+@functools.cache
+def vgg19_network(device: torch.device) -> FeatureNetwork:
+    """Load VGG-19, once per process; torchvision's weights are read from torch's cache, or
+    downloaded into it.
+    """
+    network, place = vgg19(), f"hub/checkpoints/{Path(VGG19).name} in the folder $TORCH_HOME"
+    with files.checked("VGG-19's weights cannot be downloaded", f"put {VGG19} into {place}"):
+        weights = torch.hub.load_state_dict_from_url(VGG19, check_hash=True, weights_only=True)
+    network.load_state_dict(weights, strict=False)
+    return network.requires_grad_(False).to(device)
 
 
 def depth_loss(inverse_depths: Tensor, target: Tensor) -> Tensor:

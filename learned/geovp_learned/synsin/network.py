@@ -64,12 +64,15 @@ class Images(NamedTuple):
 
 
 class Generator(nn.Module, ABC):
-    """SynSin without its discriminator; subclasses add the networks of a variant."""
+    """SynSin without its discriminator; subclasses add the networks of a variant.
 
-    def __init__(self, feature_noise: int, refinement_noise: int) -> None:
-        """Store how many numbers of noise the networks take."""
-        super().__init__()
-        self.feature_noise, self.refinement_noise = feature_noise, refinement_noise
+    The depth network estimates inverse depths [B, H, W] of frames [B, 3, H, W] in [0, 1] with rays
+    [B, H * W, 3].
+    """
+
+    depth_network: nn.Module
+    feature_noise: int  # how many numbers of noise the networks take
+    refinement_noise: int
 
     def forward(
         self,
@@ -86,14 +89,12 @@ class Generator(nn.Module, ABC):
         """
         size_px = frames.shape[2:]
         if cam_from_last is None:
-            return None, self.depths(frames, splatting.rays(intrinsics, size_px))
+            return None, self.depth_network(frames, splatting.rays(intrinsics, size_px))
         noise = torch.randn(len(frames), self.feature_noise, device=frames.device)
         cloud = self.encode(frames, intrinsics, noise)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
-        cloud = cloud._replace(
-            inverse_depths=depth_gradient_scale * inverse_depths
-            + (1 - depth_gradient_scale) * inverse_depths.detach()
-        )
+        scaled = inverse_depths.detach().lerp(inverse_depths, depth_gradient_scale)
+        cloud = cloud._replace(inverse_depths=scaled)
         noise = torch.randn(len(frames) * views, self.refinement_noise, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(
@@ -105,7 +106,7 @@ class Generator(nn.Module, ABC):
         """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, feature_noise]."""
         rays = splatting.rays(intrinsics, frames.shape[2:])
         features = self.features(frames, noise).flatten(2).transpose(1, 2)
-        return FeatureCloud(rays, self.depths(frames, rays).flatten(1), features)
+        return FeatureCloud(rays, self.depth_network(frames, rays).flatten(1), features)
 
     def render(
         self,
@@ -126,10 +127,6 @@ class Generator(nn.Module, ABC):
             splatter = self.splatter(size_px[0])
             blended, opacities = splatter(positions, inverse_depths, visible, points, size_px)
         return self.refine(blended, opacities, noise)
-
-    @abstractmethod
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
 
     @abstractmethod
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
 from geovp_classic.errors import BadData
-from geovp_learned.blocks import Resample, ResidualBlock
+from geovp_learned.blocks import Resample, ResidualBlock, gather, spread
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.network import INITIAL_M, Architecture, Generator, Images
 from geovp_learned.synsin.splatting import Splatter
@@ -44,7 +44,8 @@ class PublishedGenerator(Generator):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        super().__init__(NOISE_SIZE, NOISE_SIZE)
+        super().__init__()
+        self.feature_noise = self.refinement_noise = NOISE_SIZE
         width, features = architecture.width, architecture.features
         if architecture != Architecture("published", features, width):
             raise BadData(
@@ -54,10 +55,6 @@ class PublishedGenerator(Generator):
         self.feature_network = Blocks([*_channels(3, ENCODER, width), features], SAME_SIZE)
         self.depth_network = DepthNetwork(width)
         self.refinement_network = Blocks([*_channels(features, REFINEMENT, width), 3], RESAMPLED)
-
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
-        return self.depth_network(2 * frames - 1)
 
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:
         """Return learned features."""
@@ -69,9 +66,8 @@ class PublishedGenerator(Generator):
 
     def refine(self, blended: Tensor, opacities: Tensor, noise: Tensor) -> Images:
         """Paint images; holes are features of 0."""
-        height, width = blended.shape[2:]
-        maps = functional.pad(blended[:, :-1], (0, -width % 4, 0, -height % 4), mode="replicate")
-        frames = torch.tanh(self.refinement_network(maps, noise).float())[:, :, :height, :width]
+        painted = self.refinement_network(gather(blended[:, :-1], 1, 4), noise)
+        frames = spread(torch.tanh(painted.float()), 1, blended.shape[2:])
         inverse_depths = blended[:, -1:] / opacities.clamp(min=splatting.EPS)
         return Images((frames + 1) / 2, opacities, inverse_depths)
 
@@ -90,7 +86,7 @@ class Norm(nn.Module):
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """Normalise maps [B, C, H, W], modulated by noise [B, NOISE]."""
-        normal: Tensor = self.norm(maps)
+        normal = self.norm(maps)
         return (
             normal * (1 + self.gain(noise))[:, :, None, None] + self.offset(noise)[:, :, None, None]
         )
@@ -162,14 +158,14 @@ class DepthNetwork(nn.Module):
         last: Any = self.head[-1]
         nn.init.constant_(last.bias, float(torch.logit(torch.tensor(fraction))))
 
-    def forward(self, frames: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full
-        precision.
+    def forward(self, frames: Tensor, rays: Tensor) -> Tensor:
+        """Estimate inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [0, 1], from the colours
+        alone; computed in full precision.
         """
         size_px, multiple = frames.shape[2:], 2 ** len(DEPTH)
         height, width = (max(round(side / multiple), 1) * multiple for side in size_px)
         with torch.autocast(frames.device.type, enabled=False):
-            maps = functional.interpolate(frames.float(), (height, width), mode="bilinear")
+            maps = functional.interpolate(2 * frames.float() - 1, (height, width), mode="bilinear")
             skips = []
             for down in self.down:
                 maps = down(maps)

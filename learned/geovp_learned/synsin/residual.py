@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet, gather, spread
+from geovp_learned.blocks import NoisyNorm, Resample, ResidualBlock, UNet, gather, spread
 from geovp_learned.synsin.network import COLOURS, INITIAL_M, Architecture, Generator, Images
 from geovp_learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
@@ -34,15 +34,12 @@ class ResidualGenerator(Generator):
         """Build the model with new weights; untrained, it renders a cloud at INITIAL_M in its own
         colours.
         """
-        super().__init__(feature_noise=0, refinement_noise=architecture.noise_size)
+        super().__init__()
+        self.feature_noise, self.refinement_noise = 0, architecture.noise_size
         self.architecture = architecture
         self.feature_network = FeatureNetwork(architecture)
         self.depth_network = DepthNetwork(architecture)
         self.refinement_network = RefinementNetwork(architecture)
-
-    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
-        """Estimate inverse depths [B, H, W] from colours and rays."""
-        return self.depth_network(frames, rays)
 
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:
         """Return the colours and learned features."""
@@ -127,19 +124,13 @@ class RefinementNetwork(nn.Module):
         super().__init__()
         self.patch_px = architecture.patch_px
         width, seen = architecture.width, architecture.features + 1
+        levels: list[tuple[int, int, Resample]]
+        levels = [(1, 1, "down"), (1, 2, "down"), (2, 1, "up"), (1, 1, "up")]
+        levels[2:2] = [(2, 2, "keep")] * architecture.inner_blocks
         norm = functools.partial(NoisyNorm, noise_size=architecture.noise_size)
         self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
         self.blocks = nn.ModuleList(
-            [
-                ResidualBlock(width, width, norm, "down"),
-                ResidualBlock(width, 2 * width, norm, "down"),
-                *(
-                    ResidualBlock(2 * width, 2 * width, norm)
-                    for _ in range(architecture.inner_blocks)
-                ),
-                ResidualBlock(2 * width, width, norm, "up"),
-                ResidualBlock(width, width, norm, "up"),
-            ]
+            ResidualBlock(a * width, b * width, norm, resample) for a, b, resample in levels
         )
         self.norm = norm(width)
         self.detail = nn.Conv2d(width + seen, width // 2, 3, padding=1)

@@ -104,8 +104,7 @@ class Splatter:
 def compositing_weights(opacities: Tensor) -> Tensor:
     """Return the weights [P, K] of points with these opacities, composited from front to back."""
     transmittance = torch.cumprod(1 - opacities, dim=1)
-    before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
-    return opacities * before
+    return opacities * functional.pad(transmittance[:, :-1], (1, 0), value=1.0)
 
 
 def rays(intrinsics: Tensor, size_px: Sequence[int]) -> Tensor:

@@ -60,13 +60,11 @@ class SynSinTraining:
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""
-        is_published = self.architecture.variant == "published"
-        generator = (PublishedGenerator if is_published else ResidualGenerator)(self.architecture)
+        variants = {"published": PublishedGenerator, "residual": ResidualGenerator}
+        generator = variants[self.architecture.variant](self.architecture)
         networks: dict[str, nn.Module] = {"generator": generator}
         if self.weights.adversarial:
-            networks["discriminator"] = MultiScaleDiscriminator(
-                self.discriminator_width, with_instance_norm=is_published
-            )
+            networks["discriminator"] = MultiScaleDiscriminator(self.discriminator_width)
         return networks
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
@@ -91,8 +89,8 @@ class SynSinTraining:
         )
         if rng.random() < self.near_probability:
             horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
-        drawn = pairs.frame_pairs(item, horizons.tolist())
-        return pairs.augmented(drawn, rng, self.grey_probability).tensors()
+        mirrored, in_grey = rng.random(2) < (0.5, self.grey_probability)
+        return pairs.frame_pairs(item, horizons.tolist(), mirrored=mirrored, in_grey=in_grey)
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the generator's losses, and the discriminator's on the generated images."""
@@ -116,7 +114,7 @@ class SynSinTraining:
         """Return an example at some horizons."""
         fractions = (0.05, 0.25, 0.5, 0.75, 1.0)
         horizons = {max(1, round(fraction * self.max_horizon)) for fraction in fractions}
-        return pairs.frame_pairs(item, sorted(horizons)).tensors()
+        return pairs.frame_pairs(item, sorted(horizons))
 
     def validation_step(self, networks: Networks, batch: Batch) -> Losses:
         """Return PSNR and losses; the score is colour and content, weighted as in training."""

@@ -84,19 +84,14 @@ class Encoder(nn.Module):
 class Decoder(nn.Module):
     """Codes and skips to maps of the images' size; mirrors the encoder."""
 
-    def __init__(
-        self, coding: AutoencoderConfig, out_channels: int = 3, code_size: int | None = None
-    ) -> None:
-        """Build the network; the last layer starts at zero if residual, and `code_size` replaces
-        that of `coding`.
-        """
+    def __init__(self, coding: AutoencoderConfig, out_channels: int = 3) -> None:
+        """Build the network; the last layer starts at zero if residual."""
         super().__init__()
         self.coding = coding
         sizes = [coding.width, *coding.channels]
         self.head = nn.Sequential(
-            nn.ConvTranspose2d(code_size or coding.code_size, sizes[-1], INNERMOST_PX, bias=False),
-            nn.BatchNorm2d(sizes[-1]),
-            nn.LeakyReLU(0.2),
+            nn.ConvTranspose2d(coding.code_size, sizes[-1], INNERMOST_PX, bias=False),
+            *_norm_relu(sizes[-1]),
         )
         self.stages = nn.ModuleList(
             _stage(coding, nn.ConvTranspose2d, 2 * sizes[n + 1], sizes[n], n)

@@ -37,18 +37,16 @@ class Blend(NamedTuple):
     images: Tensor
     appearance: Tensor
     motion: Tensor  # the previous frames, warped
-    masks: Tensor  # [..., 1, H, W]: weight of the appearance
-    flow_px: Tensor  # [..., 2, H, W]
 
 
 class Output(NamedTuple):
-    """Predictions of all steps but the first, and the distributions of appearance and motion
-    latents.
+    """Predictions of all steps but the first, and posterior and prior of the latents of each
+    branch.
     """
 
     prediction: Blend  # [B, T - 1, ...]
-    posteriors: tuple[Normal, Normal]  # [B, T - 1, latent_size]
-    priors: tuple[Normal, Normal]
+    appearance: tuple[Normal, Normal]  # [B, T - 1, latent_size]
+    motion: tuple[Normal, Normal]
 
 
 class SlampNetwork(VideoNetwork):
@@ -73,19 +71,13 @@ class SlampNetwork(VideoNetwork):
         only.
         """
         skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
-        maps, appearance_posterior, appearance_prior = self.appearance.teacher_forced(
-            images, skip_steps
-        )
-        flow, motion_posterior, motion_prior = self.motion.teacher_forced(
-            _frame_pairs(images), skip_steps
-        )
+        maps, appearance = self.appearance.teacher_forced(images, skip_steps)
+        flow, motion = self.motion.teacher_forced(_frame_pairs(images), skip_steps)
         flat = self._blend(
             maps, flow, images[:, skip_steps].flatten(0, 1), images[:, :-1].flatten(0, 1)
         )
         prediction = Blend(*(tensor.unflatten(0, (len(images), -1)) for tensor in flat))
-        return Output(
-            prediction, (appearance_posterior, motion_posterior), (appearance_prior, motion_prior)
-        )
+        return Output(prediction, appearance, motion)
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Predict futures [N, F, 3, H, W], each frame from those predicted before it."""
@@ -106,10 +98,9 @@ class SlampNetwork(VideoNetwork):
         [N, 3, H, W].
         """
         appearance = self.images(maps, base)
-        flow_px = flow * self.flow_unit_px
-        motion = warp(previous, flow_px)
+        motion = warp(previous, flow * self.flow_unit_px)
         masks = torch.sigmoid(self.mask(torch.cat([appearance, motion], dim=1)))
-        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion, masks, flow_px)
+        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion)
 
 
 @dataclass(frozen=True)
@@ -126,12 +117,12 @@ class SlampTraining(VideoTraining):
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Return means over clips and predicted frames."""
         output: Output = network(images, self.num_past)
-        real, prediction = images[:, 1:], output.prediction
-        branches = zip(output.posteriors, output.priors, strict=True)
-        nats = torch.stack([kl_divergence(a, b).sum(-1).mean() for a, b in branches]).sum()
-        error = functional.mse_loss(prediction.images, real)
-        appearance = functional.mse_loss(prediction.appearance, real)
-        motion = functional.mse_loss(prediction.motion, real)
+        nats = torch.stack(
+            [kl_divergence(*both).sum(-1).mean() for both in (output.appearance, output.motion)]
+        ).sum()
+        error, appearance, motion = (
+            functional.mse_loss(shown, images[:, 1:]) for shown in output.prediction
+        )
         weighted = self.appearance_weight * appearance + self.motion_weight * motion
         return {
             "total": error + weighted + self.beta * nats,

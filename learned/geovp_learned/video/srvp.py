@@ -1,7 +1,7 @@
 """SRVP: stochastic latent residual video prediction (Franceschi et al. 2020)."""
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import torch
@@ -53,7 +53,7 @@ class SrvpNetwork(VideoNetwork):
         code, hidden = coding.code_size, architecture.hidden_size
         inner = [hidden] * (architecture.hidden_layers - 1)
         self.encoder = Encoder(coding)
-        self.decoder = Decoder(coding, code_size=state + content)
+        self.decoder = Decoder(replace(coding, code_size=state + content))
         self.summand = _perceptron([code, hidden, content])
         self.content = _perceptron([content, hidden, content])
         self.first = _perceptron([architecture.first_frames * code, *inner, 2 * state])

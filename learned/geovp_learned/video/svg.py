@@ -57,9 +57,11 @@ class RecurrentAutoencoder(VideoNetwork):
         flat, skips = self.encoder(inputs.flatten(0, 1))
         return flat.unflatten(0, inputs.shape[:2]), skips
 
-    def teacher_forced(self, inputs: Tensor, skip_steps: Tensor) -> tuple[Tensor, Normal, Normal]:
-        """Return decoded maps [B * (T - 1), C, H, W], posterior and prior, each step predicted from
-        the real input before it.
+    def teacher_forced(
+        self, inputs: Tensor, skip_steps: Tensor
+    ) -> tuple[Tensor, tuple[Normal, Normal]]:
+        """Return decoded maps [B * (T - 1), C, H, W], and posterior and prior, each step predicted
+        from the real input before it.
 
         The decoder takes the skips of the inputs at `skip_steps` [T - 1].
         """
@@ -68,7 +70,7 @@ class RecurrentAutoencoder(VideoNetwork):
         prior = normal(self.prior(codes[:, :-1])[0])
         predicted, _ = self.predictor(torch.cat([codes[:, :-1], posterior.rsample()], dim=-1))
         skips = select_skips(skips, len(inputs), skip_steps)
-        return self.decoder(torch.tanh(predicted).flatten(0, 1), skips), posterior, prior
+        return self.decoder(torch.tanh(predicted).flatten(0, 1), skips), (posterior, prior)
 
 
 class Rollout:
@@ -107,9 +109,9 @@ class SvgNetwork(RecurrentAutoencoder):
         only.
         """
         skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
-        maps, posterior, prior = self.teacher_forced(images, skip_steps)
+        maps, latents = self.teacher_forced(images, skip_steps)
         predicted = self.images(maps, images[:, skip_steps].flatten(0, 1))
-        return Output(predicted.unflatten(0, (len(images), -1)), posterior, prior)
+        return Output(predicted.unflatten(0, (len(images), -1)), *latents)
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Predict futures [N, F, 3, H, W], each frame from the one predicted before it."""

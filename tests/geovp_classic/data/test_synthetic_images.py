@@ -10,7 +10,7 @@ import pytest
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.data.synthetic.rendering import Optics, Rendering, render_drive
 from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends
-from geovp_classic.data.synthetic.solids import RayCaster, Solids, box_planes, joined
+from geovp_classic.data.synthetic.solids import RayCaster, Solids, joined
 from geovp_classic.data.synthetic.street import MANOEUVRES, Street, Weather, build_street
 from geovp_classic.data.synthetic.textures import Texture
 from geovp_classic.geometry import pinhole, se3
@@ -33,7 +33,7 @@ def solid(
     """Return one plain solid between two corners [3]."""
     frame = np.diag([*np.subtract(high, low), 1.0])
     frame[:3, 3] = low
-    columns = (frame, box_planes(taper), is_round, [Texture.PLAIN] * 3, [tint] * 3)
+    columns = (frame, taper, is_round, [Texture.PLAIN] * 3, [tint] * 3)
     return Solids(*(np.array([column]) for column in columns))
 
 

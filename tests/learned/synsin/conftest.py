@@ -70,7 +70,7 @@ def _trained(
     torch.manual_seed(0)
     networks = method.build()
     optimisers = method.optimisers(networks)
-    batch = default_collate([pairs.frame_pairs(one, [2]).tensors() for one in examples])
+    batch = default_collate([pairs.frame_pairs(one, [2]) for one in examples])
     history = []
     for step in range(num_steps):
         losses: Losses = {}

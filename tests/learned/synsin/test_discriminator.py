@@ -11,14 +11,10 @@ def scale(*scores: float) -> list[torch.Tensor]:
 
 
 def test_every_scale_judges_patches_of_a_image_half_as_large() -> None:
-    outputs = MultiScaleDiscriminator(width=4, num_levels=2, num_scales=3)(torch.rand(2, 3, 64, 64))
-    # 4x4 kernels padded by two: n / 2 + 1 pixels with a stride, twice, then n + 1 without, twice
-    assert [tuple(one[-1].shape) for one in outputs] == [
-        (2, 1, 19, 19),
-        (2, 1, 11, 11),
-        (2, 1, 7, 7),
-    ]
-    assert [[maps.shape[1] for maps in one] for one in outputs] == [[4, 8, 16, 1]] * 3
+    outputs = MultiScaleDiscriminator(width=4)(torch.rand(2, 3, 64, 64))
+    # 4x4 kernels padded by two: n / 2 + 1 pixels with a stride, thrice, then n + 1 without, twice
+    assert [tuple(one[-1].shape) for one in outputs] == [(2, 1, 11, 11), (2, 1, 7, 7)]
+    assert [[maps.shape[1] for maps in one] for one in outputs] == [[4, 8, 16, 32, 1]] * 2
 
 
 def test_hinge_of_the_discriminator_stops_at_a_margin_of_one() -> None:

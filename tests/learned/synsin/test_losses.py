@@ -38,7 +38,7 @@ def test_content_is_lpips_with_a_gradient(
 
 
 def test_later_frames_fit_at_the_true_depth_and_the_gradient_leads_there(clip: Clip) -> None:
-    batch = default_collate([pairs.frame_pairs(Example(clip, 2), [1, 2]).tensors()])
+    batch = default_collate([pairs.frame_pairs(Example(clip, 2), [1, 2])])
     truth = torch.nan_to_num(batch["inverse_depths"])
     motion = [batch[name] for name in ("frames", "targets", "cam_from_last", "intrinsics")]
     at_truth, *wrong = (

@@ -1,62 +1,66 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip
+from geovp_learned.methods import Batch
 from geovp_learned.synsin import pairs
-from geovp_learned.synsin.pairs import Example, FramePairs
+from geovp_learned.synsin.pairs import Example
+from geovp_learned.synsin.train import SynSinTraining
+from geovp_learned.tensors import images_from_frames
 
 
-@pytest.fixture
-def scene(clip: Clip) -> FramePairs:
-    return pairs.frame_pairs(Example(clip, 3), [1, 4])
+def scene(clip: Clip, **changes: Any) -> Batch:
+    return pairs.frame_pairs(Example(clip, 3), [1, 4], **changes)
 
 
-def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, clip: Clip) -> None:
-    np.testing.assert_array_equal(scene.frames[0], clip.frames[3])
-    np.testing.assert_array_equal(scene.frames[1:], clip.frames[[4, 7]])
+def test_a_scene_holds_later_frames_and_the_motion_to_them(clip: Clip) -> None:
+    drawn = scene(clip)
+    assert torch.equal(drawn["frames"], images_from_frames(clip.frames[3]))
+    assert torch.equal(drawn["targets"], images_from_frames(clip.frames[[4, 7]]))
     poses = clip.trajectory.world_from_cam
-    np.testing.assert_allclose(poses[7] @ scene.cam_from_last[1], poses[3], atol=1e-12)
-    assert scene.cam_from_last[1, 2, 3] == pytest.approx(
-        -2.0, abs=0.05
-    )  # four steps of half a metre come nearer
+    np.testing.assert_allclose(poses[7] @ drawn["cam_from_last"][1].numpy(), poses[3], atol=1e-5)
+    # four steps of half a metre come nearer
+    assert float(drawn["cam_from_last"][1, 2, 3]) == pytest.approx(-2.0, abs=0.05)
 
 
-def test_known_depth_comes_as_its_inverse(scene: FramePairs, clip: Clip) -> None:
+def test_known_depth_comes_as_its_inverse(clip: Clip) -> None:
+    inverse_depths = scene(clip)["inverse_depths"].numpy()
     sky = np.isinf(clip.depths[3])
-    assert (scene.inverse_depth[sky] == 0).all()
-    np.testing.assert_allclose(scene.inverse_depth[~sky] * clip.depths[3][~sky], 1, rtol=1e-6)
-    without = pairs.frame_pairs(Example(replace(clip, depths=None), 3), [1])
-    assert np.isnan(without.inverse_depth).all()
+    assert (inverse_depths[sky] == 0).all()
+    np.testing.assert_allclose(inverse_depths[~sky] * clip.depths[3][~sky], 1, rtol=1e-6)
+    assert torch.isnan(scene(replace(clip, depths=None))["inverse_depths"]).all()
 
 
-def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FramePairs) -> None:
-    point = np.array([[1.2, -0.4, 9.0]])
-    mirrored = scene.mirrored()
+def projected(drawn: Batch, number: int, point: torch.Tensor) -> torch.Tensor:
+    """The pixel of a point of the last camera's frame in one of the later views."""
+    motion = drawn["cam_from_last"][number]
+    seen = motion[:3, :3] @ point + motion[:3, 3]
+    focal_px, centre_px = drawn["intrinsics"].chunk(2)
+    return focal_px * seen[:2] / seen[2] + centre_px
+
+
+def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(clip: Clip) -> None:
+    plain, mirrored = scene(clip), scene(clip, mirrored=True)
+    point = torch.tensor([1.2, -0.4, 9.0])
     for number in range(2):
-        seen, _ = pinhole.project(
-            se3.transform(scene.cam_from_last[number], point), scene.intrinsics
-        )
-        point_mirrored = point * [-1, 1, 1]
-        other, _ = pinhole.project(
-            se3.transform(mirrored.cam_from_last[number], point_mirrored), mirrored.intrinsics
-        )
-        np.testing.assert_allclose(other, [[31 - seen[0, 0], seen[0, 1]]])
-    np.testing.assert_array_equal(mirrored.frames[0, :, 0], scene.frames[0, :, -1])
-    np.testing.assert_array_equal(mirrored.mirrored().frames, scene.frames)
+        u, v = projected(plain, number, point)
+        other = projected(mirrored, number, point * torch.tensor([-1, 1, 1]))
+        torch.testing.assert_close(other, torch.stack([31 - u, v]))
+    for name in ("frames", "targets", "inverse_depths"):
+        assert torch.equal(mirrored[name], plain[name].flip(-1))
 
 
-def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
-    drawn = [
-        pairs.augmented(scene, np.random.default_rng(seed), grey_probability=0.25)
-        for seed in range(200)
-    ]
-    mirrored = sum(
-        one.intrinsics != scene.intrinsics or (one.frames[0, 0, 0] != scene.frames[0, 0, 0]).any()
-        for one in drawn
-    )
-    grey = sum(bool((one.frames[0] == one.frames[0, ..., :1]).all()) for one in drawn)
-    assert 80 <= mirrored <= 150  # grey ones look changed as well
+def test_examples_are_mirrored_by_halves_and_grey_by_a_share(
+    method: SynSinTraining, clip: Clip
+) -> None:
+    often_grey, example = replace(method, grey_probability=0.25), Example(clip, 3)
+    drawn = [often_grey.example(example, np.random.default_rng(seed)) for seed in range(200)]
+    plain = scene(clip)["inverse_depths"]
+    mirrored = sum(not torch.equal(each["inverse_depths"], plain) for each in drawn)
+    grey = sum(bool((each["frames"] == each["frames"][:1]).all()) for each in drawn)
+    assert 80 <= mirrored <= 120
     assert 30 <= grey <= 70

@@ -13,8 +13,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, PrivilegedInput
-from geovp_learned import checkpoints, training_config, vgg
+from geovp_learned import checkpoints, training_config
+from geovp_learned.feature_networks import vgg19
 from geovp_learned.synsin import losses, pairs
 from geovp_learned.synsin.network import Architecture
 from geovp_learned.synsin.published import PublishedGenerator
@@ -86,7 +88,9 @@ def test_sizes_within_the_networks_are_the_papers(networks: dict[str, nn.Module]
         generator.refinement_network(
             torch.rand(1, 64, 256, 256), torch.zeros(1, generator.refinement_noise)
         )
-        inverse_depths = generator.depth_network(torch.rand(1, 3, 256, 256))
+        inverse_depths = generator.depth_network(
+            torch.rand(1, 3, 256, 256), torch.zeros(1, 256 * 256, 3)
+        )
     for handle in handles:
         handle.remove()
     sides = (256, 128, 64, 64, 128, 256, 256, 256)
@@ -151,13 +155,14 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
 
 @pytest.fixture
 def vgg_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
-    """Random weights of VGG-19 in a file that passes for the real one."""
+    """Random weights of VGG-19 that are downloaded as the real ones are."""
     torch.manual_seed(0)
-    weights = vgg.vgg19().state_dict()
+    weights = vgg19().state_dict()
     file = tmp_path / "vgg.pth"
     torch.save({**weights, "classifier.0.weight": torch.zeros(1)}, file)
-    monkeypatch.setenv(vgg.WEIGHTS_VARIABLE, str(file))
-    monkeypatch.setattr(vgg, "SHA256", hashlib.sha256(file.read_bytes()).hexdigest())
+    digits = hashlib.sha256(file.read_bytes()).hexdigest()[:8]
+    monkeypatch.setattr(losses, "VGG19", file.rename(tmp_path / f"vgg-{digits}.pth").as_uri())
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "home"))
     return weights
 
 
@@ -178,3 +183,13 @@ def test_content_is_compared_in_five_layers_of_vgg(vgg_weights: dict[str, Tensor
     assert float(loss.detach()) == pytest.approx(expected, rel=1e-5)
     loss.backward()
     assert given.grad.abs().max() > 0
+
+
+def test_without_the_weights_of_vgg_the_message_says_where_they_belong(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    losses.vgg19_network.cache_clear()
+    monkeypatch.setattr(losses, "VGG19", (tmp_path / "vgg19-dcbb9e9d.pth").as_uri())
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "home"))
+    with pytest.raises(BadData, match=r"cannot be downloaded .* into hub/checkpoints/vgg19"):
+        losses.content_loss(torch.rand(1, 3, 32, 32), torch.rand(1, 3, 32, 32), "vgg19")

@@ -1,5 +1,7 @@
 """SLAMP's two branches and its mask."""
 
+from dataclasses import replace
+
 import torch
 
 from geovp_learned.video.autoencoder import AutoencoderConfig
@@ -12,13 +14,23 @@ ARCHITECTURE = Architecture(
 
 def test_what_is_shown_is_made_of_both_branches_by_the_mask() -> None:
     torch.manual_seed(0)
-    images = torch.rand(2, 4, 3, 8, 8)
-    shown = SlampNetwork(ARCHITECTURE)(images, 2).prediction
-    blended = shown.masks * shown.appearance + (1 - shown.masks) * shown.motion
+    network, previous = SlampNetwork(ARCHITECTURE), torch.rand(4, 3, 8, 8)
+    maps, flow = torch.randn(4, 3, 8, 8), torch.randn(4, 2, 8, 8)
+    shown = network._blend(maps, flow, previous, previous)
+    torch.testing.assert_close(shown.appearance, maps.sigmoid())
+    torch.testing.assert_close(shown.motion, warp(previous, 2.0 * flow))
+    masks = network.mask(torch.cat([shown.appearance, shown.motion], dim=1)).sigmoid()
+    blended = masks * shown.appearance + (1 - masks) * shown.motion
     torch.testing.assert_close(shown.images, blended)
-    moved = warp(images[:, :-1].flatten(0, 1), shown.flow_px.flatten(0, 1))
-    torch.testing.assert_close(shown.motion.flatten(0, 1), moved)  # of the real frame before
-    assert shown.masks.shape == (2, 3, 1, 8, 8)
+
+
+def test_the_motion_branch_moves_the_real_frame_before() -> None:
+    torch.manual_seed(0)
+    network, images = (
+        SlampNetwork(replace(ARCHITECTURE, flow_unit_px=0.0)),
+        torch.rand(2, 4, 3, 8, 8),
+    )
+    torch.testing.assert_close(network(images, 2).prediction.motion, images[:, :-1])
 
 
 def test_the_motion_branch_sees_each_frame_beside_the_one_before() -> None:

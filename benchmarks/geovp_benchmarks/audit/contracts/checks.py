@@ -139,7 +139,7 @@ def _views_are_independent(trial: Trial) -> None:
     """Require the same views in another order and alone as of all poses together."""
     truth = trial.truth
     scene = trial.component.reconstruct(truth.only(trial.component.needs), truth.past)
-    poses = truth.past.then(truth.future).world_from_cam
+    poses = np.concatenate([truth.past.world_from_cam, truth.future.world_from_cam])
     together = arrays(trial.view(scene, poses, truth.times_s))
     order = np.random.default_rng(0).permutation(len(poses))
     for rows in (order, order[:1]):
