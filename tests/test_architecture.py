@@ -15,8 +15,8 @@ FOLDER_OF = {
 # Subpackages of one layer do not import each other; `geovp_classic/__init__.py` imports lazily.
 CLASSIC_LAYERS = [
     {"errors", "version"},
-    {"types"},
-    {"geometry", "parallel", "files", "colmap_library"},
+    {"types", "colmap_library"},
+    {"geometry", "parallel", "files"},
     {"interfaces", "observation"},
     {"odometry", "forecasting", "pose_refinement", "depth", "rendering"}
     | {"metrics", "data", "registry"},

@@ -10,13 +10,10 @@ from typing import Any, Self
 import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
-from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.bundle_adjustment import Bundle, BundleAdjustment
+from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
-from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
-from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.types import FloatArray, Intrinsics
 from performance import Comparison
 
@@ -51,7 +48,7 @@ class Scene:
 def problems() -> list[Comparison]:
     """Return all problems on one scene."""
     scene = Scene.random()
-    return [triangulation(scene), resection(scene), relative_pose(scene), adjustment(scene)]
+    return [triangulation(scene), resection(scene), relative_pose(scene)]
 
 
 def triangulation(scene: Scene) -> Comparison:
@@ -127,36 +124,6 @@ def relative_pose(scene: Scene) -> Comparison:
         rival,
         error,
         "deg",
-    )
-
-
-def adjustment(scene: Scene) -> Comparison:
-    """Return the bundle adjustment of all poses, from a hundredth of a degree and some mm off.
-
-    pycolmap's adjustment fixes the scale alone.
-    """
-    poses = scene.cam_from_world
-    deviations = np.random.default_rng(1).normal(0, 1, (len(poses) - 1, 6))
-    deviations *= np.repeat([5e-3, 2e-4], 3)
-    given = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]])
-    pixels = pinhole.project(homogeneous(scene.rays), CAMERA)[0]
-    visible = np.ones((len(poses) - 1, len(scene.points)), dtype=bool)
-    rays = homogeneous(scene.rays[0])
-    bundle = Bundle(given[1:], rays, np.zeros(len(rays)), pixels[1:], visible, CAMERA)
-    prior = ImageRegistration().prior(given[1:])
-
-    def ours() -> FloatArray:
-        start = bundle.with_inverse_depths()
-        adjusted = BundleAdjustment().adjust(start, prior)
-        return adjusted.cam_from_world[-1]
-
-    def rival() -> FloatArray:
-        points = triangulate(scene.rays, given)
-        adjusted, *_ = bundle_adjust(given, points, pixels, CAMERA, num_fixed=1)
-        return adjusted[-1]
-
-    return Comparison(
-        "bundle adjustment", ours, "pycolmap", rival, lambda pose: distance(pose, poses[-1]), "m"
     )
 
 

@@ -1,180 +1,230 @@
-"""Bundle adjustment (Triggs et al. 2000) of poses and inverse depths, with a prior of given poses.
+"""Bundle adjustment (Triggs et al. 2000) by pycolmap."""
 
-Points lie on known rays of a reference camera, whose pose is fixed. Iteratively reweighted
-Levenberg-Marquardt steps eliminate their inverse depths by a Schur complement. Given poses are
-either right to within a standard deviation or far off. Their deviations therefore count together by
-Cauchy's function: poses that agree with the images stay, and poses that contradict them by pixels
-lose their prior.
-"""
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
+import numpy.typing as npt
 
+from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+from geovp_classic.types import FloatArray, Intrinsics
+
+CountArray = npt.NDArray[np.int64]
+
+SOFT_L1 = pycolmap.LossFunctionType.SOFT_L1
+CAUCHY = pycolmap.LossFunctionType.CAUCHY
 
 
-@dataclass(frozen=True)
-class Bundle:
-    """Cameras, points on rays of the reference, and the pixels that show them."""
-
-    cam_from_world: FloatArray  # [K, 4, 4]
-    rays: FloatArray  # [N, 3], z = 1, in the reference
-    inverse_depths: FloatArray  # [N]; 0 is infinitely far
-    pixels: FloatArray  # [K, N, 2]
-    is_visible: BoolArray  # [K, N]
-    camera: Intrinsics
-
-    def with_inverse_depths(self) -> "Bundle":
-        """Return the bundle with the inverse depth q >= 0 of each point that fits its pixels.
-
-        It solves (u, v) (a_z + q b_z) = (a + q b)_xy.
-        """
-        matrix = self.camera.matrix
-        poses = self.cam_from_world
-        rotations = np.swapaxes(matrix @ poses[:, :3, :3], -1, -2)
-        a = self.rays @ rotations  # [K, N, 3]
-        b = (poses[:, :3, 3] @ matrix.T)[:, None]  # [K, 1, 3]
-        factor = self.pixels * b[..., 2:] - b[..., :2]
-        factor *= self.is_visible[..., None]
-        target = a[..., :2] - self.pixels * a[..., 2:]
-        numerator = (factor * target).sum(axis=(0, 2))
-        denominator = np.maximum((factor**2).sum(axis=(0, 2)), 1e-12)
-        inverse_depths = np.maximum(numerator / denominator, 0)
-        return replace(self, inverse_depths=inverse_depths)
-
-    def linearise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return reprojection errors [K, N, 2] in pixels and their derivatives; 0 if invisible.
-
-        The derivatives are by the twist of the camera from the left [K, N, 2, 6] and by the inverse
-        depth [K, N, 2].
-        """
-        poses = self.cam_from_world
-        inverse_depths = self.inverse_depths[:, None]
-        translations = poses[:, None, :3, 3]  # [K, 1, 3]
-        located = self.rays @ np.swapaxes(poses[:, :3, :3], -1, -2)
-        located += inverse_depths * translations  # [K, N, 3]
-        is_valid = self.is_visible & (located[..., 2] > 1e-3)
-        located = np.where(is_valid[..., None], located, [0.0, 0.0, 1.0])
-        pixels, depth = pinhole.project(located, self.camera)
-        from_centre = pixels - [self.camera.cx_px, self.camera.cy_px]
-        errors = np.where(is_valid[..., None], pixels - self.pixels, 0.0)
-
-        by_location = np.zeros((*depth.shape, 2, 3))
-        by_location[..., 0, 0] = self.camera.fx_px / depth
-        by_location[..., 1, 1] = self.camera.fy_px / depth
-        by_location[..., 2] = -from_centre / depth[..., None]
-        by_location *= is_valid[..., None, None]
-        by_camera = np.empty((*depth.shape, 2, 6))
-        by_camera[..., :3] = inverse_depths[..., None] * by_location
-        by_camera[..., 3:] = np.cross(located[..., None, :], by_location)
-        by_depth = (by_location @ translations[..., None])[..., 0]
-        return errors, by_camera, by_depth
-
-
-@dataclass(frozen=True)
-class PosePrior:
-    """Given poses, and how far they are trusted."""
-
-    cam_from_world: FloatArray  # [K, 4, 4]
-    precision: FloatArray  # [K, 6], one over the standard deviation of a twist from the left
-    # Deviation of all poses, in standard deviations, that halves their weight (Cauchy).
-    scale: float
-
-    def linearise(
-        self, cam_from_world: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """Return the curvature [K, 6], the gradient [K, 6] and the value of the prior's cost."""
-        given = se3.inverse(self.cam_from_world)
-        deviation = self.precision * se3.log(cam_from_world @ given)
-        square = (deviation**2).sum() / self.scale**2
-        weighted_precision = self.precision / (1 + square)
-        curvature = weighted_precision * self.precision
-        gradient = weighted_precision * deviation
-        return curvature, gradient, self.scale**2 * np.log1p(square)
-
-
-@dataclass(frozen=True)
-class BundleAdjustment:
-    """Levenberg-Marquardt steps until the robust cost hardly decreases."""
-
-    # Reprojection errors of this size have half the weight (Cauchy).
-    error_scale_px: float = 0.5
-    max_rounds: int = 8
-    min_decrease: float = 1e-3  # of the cost, relative; less ends the rounds
-    # Initial damping of the unknowns, relative to their curvature, and its change in a round
-    # (Levenberg-Marquardt).
-    damping: float = 1e-2
-    damping_factor: float = 10.0
-
-    def adjust(self, bundle: Bundle, prior: PosePrior) -> Bundle:
-        """Return the bundle of the lowest cost."""
-        best, lowest, damping = bundle, np.inf, self.damping
-        for _ in range(self.max_rounds + 1):
-            errors, by_camera, by_depth = bundle.linearise()
-            squares = (errors**2).sum(axis=-1) / self.error_scale_px**2
-            curvature, gradient, cost = prior.linearise(bundle.cam_from_world)
-            cost += np.log1p(squares).sum()
-            if cost < lowest:
-                is_converged = lowest - cost < self.min_decrease * cost
-                best, lowest = bundle, cost
-                if is_converged:
-                    break
-                weights = 1 / (1 + squares) / self.error_scale_px**2
-                system = (
-                    errors,
-                    by_camera,
-                    by_depth,
-                    weights,
-                    curvature,
-                    gradient,
-                )
-                damping /= self.damping_factor
-            else:
-                damping *= self.damping_factor**2
-            camera_step, depth_step = damped_step(*system, damping)
-            bundle = replace(
-                best,
-                cam_from_world=se3.exp(camera_step) @ best.cam_from_world,
-                inverse_depths=np.maximum(best.inverse_depths + depth_step, 0),
-            )
-        return best
-
-
-def damped_step(
-    errors: FloatArray,  # [K, N, 2]
-    by_camera: FloatArray,  # [K, N, 2, 6]
-    by_depth: FloatArray,  # [K, N, 2]
-    weights: FloatArray,  # [K, N]
-    prior_curvature: FloatArray,  # [K, 6]
-    prior_gradient: FloatArray,  # [K, 6]
-    damping: float,
+def bundle_adjust(
+    cam_from_world: FloatArray,  # [K, 4, 4]
+    points: FloatArray,  # [N, 3], each with two observations or more
+    pixels: FloatArray,  # [K, N, 2]; NaN where a camera does not observe a point
+    camera: Intrinsics,
+    num_fixed: int = 2,
+    robust_px: float = 0.5,  # scale of the soft L1 loss
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the steps of the cameras [K, 6] and the inverse depths [N] by the normal equations.
+    """Return the adjusted poses [K, 4, 4] and points [N, 3]; the input if the solver fails.
 
-    A larger diagonal makes the equations regular.
+    The first `num_fixed` cameras stay. With only one fixed, the length of a baseline stays, too.
     """
-    num_cameras, num_points, *_ = errors.shape
-    jacobian = by_camera.reshape(num_cameras, -1, 6)
-    weighted = (weights[..., None, None] * by_camera).reshape(jacobian.shape)
-    transposed = np.swapaxes(weighted, -1, -2)  # [K, 6, 2 N]
-    gradients = (transposed @ errors.reshape(num_cameras, -1, 1))[..., 0]
-    identity = np.eye(6)
-    cameras = transposed @ jacobian + prior_curvature[..., None] * identity
-    cameras = cameras * (1 + damping * identity) + 1e-12 * identity
+    model = reconstruction(cam_from_world, points, *_square(pixels, camera))
+    config = _config(model, num_fixed)
+    if num_fixed == 1:
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    if not _solve(model, _options(robust_px), config):
+        return cam_from_world, points
+    adjusted = [model.points3D[n + 1].xyz for n in range(len(points))]
+    return _poses(model), np.array(adjusted)
 
-    depth = weights[..., None] * by_depth
-    curvatures = (depth * by_depth).sum(axis=(0, 2)) * (1 + damping) + 1e-12
-    depth_gradients = (depth * errors).sum(axis=(0, 2))
-    mixed = np.einsum("kna,knaj->nkj", depth, by_camera)
-    mixed = mixed.reshape(num_points, -1)
 
-    eliminated = (mixed / curvatures[:, None]).T
-    step = -np.linalg.solve(
-        block_diag(*cameras) - eliminated @ mixed,
-        (gradients + prior_gradient).ravel() - eliminated @ depth_gradients,
+@dataclass(frozen=True)
+class AnchoredAdjustment:
+    """Adjustment of given poses, which are the prior.
+
+    The prior consists of fixed points, the anchors. A camera observes its anchors where its given
+    pose shows them. Poses that the images confirm therefore stay. Poses that they contradict by
+    pixels lose their prior, since the loss is robust.
+    """
+
+    robust_px: float = 0.5  # scale of Cauchy's loss
+    # Weight of the pixels of the first camera: the points hardly leave its rays.
+    first_weight: int = 8
+    tangent: float = (
+        0.5  # of the angle between the rays of the anchors and the axis
     )
-    depth_step = -(depth_gradients + mixed @ step) / curvatures
-    return step.reshape(-1, 6), depth_step
+    # Depth of near anchors, which fix the position, over the distance from the first camera.
+    near_depth: float = 4.0
+    # Depth of far anchors, which fix the rotation, over the longest distance.
+    far_depth: float = 1e4
+    max_rounds: int = 20
+    min_decrease: float = 1e-4  # of the cost, relative; less ends the rounds
+
+    def adjust(
+        self,
+        cam_from_world: FloatArray,  # [K, 4, 4]; the first is the identity and stays
+        points: FloatArray,  # [N, 3], each with two observations or more
+        pixels: FloatArray,  # [K, N, 2]; NaN where a camera does not observe a point
+        camera: Intrinsics,
+    ) -> FloatArray:
+        """Return the adjusted poses [K, 4, 4]; the given ones if the solver fails."""
+        anchors, anchor_pixels = self._anchors(cam_from_world, camera)
+        pixels = np.concatenate([pixels, anchor_pixels], axis=1)
+        weights = np.ones(pixels.shape[:2], int)
+        weights[0] = self.first_weight
+        weights[:, len(points) :] = 2  # pycolmap needs two observations
+        all_points = np.concatenate([points, anchors])
+        square = _square(pixels, camera)
+        model = reconstruction(cam_from_world, all_points, *square, weights)
+        options = _options(
+            self.robust_px, CAUCHY, self.max_rounds, self.min_decrease
+        )
+        config = _config(model, num_fixed=1)
+        for n in range(len(points), len(all_points)):
+            config.add_constant_point(n + 1)
+        if not _solve(model, options, config):
+            return cam_from_world
+        return _poses(model)
+
+    def _anchors(
+        self,
+        cam_from_world: FloatArray,  # [K, 4, 4]
+        camera: Intrinsics,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points [A, 3], and their pixels [K, A, 2] in the cameras that observe them.
+
+        Each camera but the first observes four near points and four far ones.
+        """
+        num_cameras = len(cam_from_world)
+        world_from_cam = se3.inverse(cam_from_world)
+        distances = np.linalg.norm(world_from_cam[:, :3, 3], axis=1)
+        max_distance = distances.max()
+        near = self.near_depth * np.maximum(distances, 1e-3 * max_distance)
+        far = self.far_depth * max_distance
+        across = self.tangent * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        rays = np.column_stack([across, np.ones(4)])
+        anchors = []
+        pixels = np.full((num_cameras, 8 * (num_cameras - 1), 2), np.nan)
+        for k in range(1, num_cameras):
+            located = np.concatenate([near[k] * rays, far * rays])
+            anchors.append(se3.transform(world_from_cam[k], located))
+            shown, _ = pinhole.project(located, camera)
+            pixels[k, 8 * (k - 1) : 8 * k] = shown
+        return np.concatenate(anchors), pixels
+
+
+def adjust_focal(
+    cam_from_world: FloatArray,  # [K, 4, 4]
+    points: FloatArray,  # [N, 3], each with two observations or more
+    pixels: FloatArray,  # [K, N, 2]; NaN where a camera does not observe a point
+    camera: Intrinsics,
+) -> float:
+    """Return the focal length in pixels after an adjustment of it, the poses and the points.
+
+    The result is NaN if the solver fails. A wrong focal length makes outliers, hence a Cauchy loss.
+    """
+    model = reconstruction(cam_from_world, points, *_square(pixels, camera))
+    options = _options(0.5, CAUCHY, max_rounds=25)
+    options.refine_focal_length = True
+    config = _config(model, num_fixed=1)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    if not _solve(model, options, config):
+        return np.nan
+    return float(model.cameras[1].params[0])
+
+
+def reconstruction(
+    cam_from_world: FloatArray,  # [K, 4, 4]
+    points: FloatArray,  # [N, 3]
+    pixels: FloatArray,  # [K, N, 2] as COLMAP counts them; NaN: not observed
+    camera: pycolmap.Camera,  # with camera_id = 1
+    weights: CountArray
+    | None = None,  # [K, N], how often an observation counts; default: once
+) -> pycolmap.Reconstruction:
+    """Return a reconstruction of images and points; their identifiers count from 1."""
+    counts = np.isfinite(pixels[..., 0]).astype(int)
+    if weights is not None:
+        counts *= weights
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(camera)
+    tracks = [pycolmap.Track() for _ in points]
+    for k, pose in enumerate(cam_from_world):
+        observed = np.repeat(np.arange(len(points)), counts[k])
+        for keypoint, n in enumerate(observed.tolist()):
+            tracks[n].add_element(k + 1, keypoint)
+        image = pycolmap.Image(
+            name=str(k),
+            keypoints=pixels[k, observed],
+            camera_id=1,
+            image_id=k + 1,
+        )
+        rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
+        model.add_image_with_trivial_frame(image, rigid)
+    for point, track in zip(points, tracks, strict=True):
+        model.add_point3D(point, track)
+    return model
+
+
+def _square(
+    pixels: FloatArray, camera: Intrinsics
+) -> tuple[FloatArray, pycolmap.Camera]:
+    """Return the pixels [..., 2] of a camera with square pixels, and this camera."""
+    centre = np.array([camera.cx_px, camera.cy_px])
+    rays = pinhole.normalised(pixels, camera)
+    square = pycolmap.Camera(
+        model="SIMPLE_PINHOLE",
+        params=[camera.fx_px, *centre],
+        camera_id=1,
+        width=camera.width_px,
+        height=camera.height_px,
+    )
+    return camera.fx_px * rays + centre, square
+
+
+def _poses(model: pycolmap.Reconstruction) -> FloatArray:
+    """Return the poses [K, 4, 4] of all images."""
+    poses = np.tile(np.eye(4), (len(model.images), 1, 1))
+    for k in range(len(poses)):
+        poses[k, :3] = model.images[k + 1].cam_from_world().matrix()
+    return poses
+
+
+def _options(
+    robust_px: float,
+    loss: pycolmap.LossFunctionType = SOFT_L1,
+    max_rounds: int = 8,
+    min_decrease: float = 1e-3,  # of the cost, relative; less ends the rounds
+) -> pycolmap.BundleAdjustmentOptions:
+    options = pycolmap.BundleAdjustmentOptions(
+        refine_focal_length=False,
+        refine_principal_point=False,
+        refine_extra_params=False,
+        print_summary=False,
+    )
+    options.ceres.loss_function_type = loss
+    options.ceres.loss_function_scale = robust_px
+    options.ceres.solver_options.max_num_iterations = max_rounds
+    options.ceres.solver_options.function_tolerance = min_decrease
+    options.ceres.solver_options.num_threads = 1  # more do not pay for a window
+    return options
+
+
+def _config(
+    model: pycolmap.Reconstruction, num_fixed: int
+) -> pycolmap.BundleAdjustmentConfig:
+    """Return the adjustment of all images but the first ones."""
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.images:
+        config.add_image(image_id)
+    for image_id in range(1, num_fixed + 1):
+        config.set_constant_rig_from_world_pose(image_id)
+    return config
+
+
+def _solve(
+    model: pycolmap.Reconstruction,
+    options: pycolmap.BundleAdjustmentOptions,
+    config: pycolmap.BundleAdjustmentConfig,
+) -> bool:
+    """Adjust the model in place, and return whether the solver succeeded."""
+    adjuster = pycolmap.create_default_bundle_adjuster(options, config, model)
+    return bool(adjuster.solve().is_solution_usable())

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geovp_classic.geometry.bundle_adjustment import adjust_focal
 from geovp_classic.observation import scene_window_of
-from geovp_classic.odometry.bundle import adjust_focal
 from geovp_classic.odometry.tracking import Image, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, Intrinsics

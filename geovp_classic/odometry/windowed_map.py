@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.bundle_adjustment import bundle_adjust
 from geovp_classic.geometry.two_view import homogeneous, parallax
-from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.triangulation import (
     reprojection_errors,
     triangulate,

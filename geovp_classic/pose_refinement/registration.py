@@ -16,11 +16,7 @@ import numpy as np
 from geovp_classic import observation
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.bundle_adjustment import (
-    Bundle,
-    BundleAdjustment,
-    PosePrior,
-)
+from geovp_classic.geometry.bundle_adjustment import AnchoredAdjustment
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.observation import Stream
 from geovp_classic.types import (
@@ -110,14 +106,10 @@ class ImageRegistration:
     """Adjustment of given poses to tracked corners of a reference image."""
 
     tracker: CornerTracker = CornerTracker()
-    bundle: BundleAdjustment = BundleAdjustment()
+    adjustment: AnchoredAdjustment = AnchoredAdjustment()
     min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
-    # Standard deviation of a given rotation, relative to the reference.
-    rotation_deviation_rad: float = 1.7e-4
-    # Standard deviation of a given position, over its distance from the reference.
-    position_deviation_fraction: float = 7e-4
-    # Deviation of all given poses, in standard deviations, that halves their weight (Cauchy).
-    prior_scale: float = 5.5
+    # Largest depth of a corner, over the largest distance from the reference.
+    max_depth: float = 1e4
 
     def register(
         self,
@@ -130,42 +122,47 @@ class ImageRegistration:
 
         All poses stay without motion or enough corners.
         """
-        sources = np.delete(np.arange(len(images)), reference)
-        source_from_reference = (
-            se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
-        )
-        if not source_from_reference[:, :3, 3].any():
+        others = np.delete(np.arange(len(images)), reference)
+        order = np.array([reference, *others])
+        world_from_reference = world_from_cam[reference]
+        given = se3.inverse(world_from_cam[order]) @ world_from_reference
+        if not given[1:, :3, 3].any():
             return world_from_cam
         pixels, is_visible = self.tracker.track(images, reference)
-        is_used = is_visible[sources].any(axis=0)
+        is_used = is_visible[others].any(axis=0)
         if is_used.sum() < self.min_corners:
             return world_from_cam
-        rays = pinhole.unproject(pixels[reference, is_used], 1.0, camera)
-        given = Bundle(
-            source_from_reference,
-            rays,
-            np.zeros(len(rays)),
-            pixels[sources][:, is_used],
-            is_visible[sources][:, is_used],
-            camera,
-        )
-        adjusted = self.bundle.adjust(
-            given.with_inverse_depths(), self.prior(source_from_reference)
-        )
+        pixels = np.where(is_visible[..., None], pixels, np.nan)
+        observed = pixels[order][:, is_used]
+        points = self._points(observed, given, camera)
+        adjusted = self.adjustment.adjust(given, points, observed, camera)
         registered = world_from_cam.copy()
-        registered[sources] = world_from_cam[reference] @ se3.inverse(
-            adjusted.cam_from_world
-        )
+        registered[others] = world_from_reference @ se3.inverse(adjusted[1:])
         return registered
 
-    def prior(self, source_from_reference: FloatArray) -> PosePrior:
-        """Return the prior of given poses [S, 4, 4]."""
-        fraction = self.position_deviation_fraction
-        distance = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
-        distance = np.maximum(distance, fraction * distance.max())
-        precision = np.full((len(distance), 6), 1 / self.rotation_deviation_rad)
-        precision[:, :3] = 1 / (fraction * distance[:, None])
-        return PosePrior(source_from_reference, precision, self.prior_scale)
+    def _points(
+        self,
+        pixels: FloatArray,  # [K, N, 2]; NaN where not observed
+        cam_from_first: FloatArray,  # [K, 4, 4]
+        camera: Intrinsics,
+    ) -> FloatArray:
+        """Return points [N, 3] on the rays of the first camera that fit the other pixels.
+
+        The inverse depth q solves (u, v) (a_z + q b_z) = (a + q b)_xy.
+        """
+        rays = pinhole.unproject(pixels[0], 1.0, camera)
+        matrix = camera.matrix
+        rotations = np.swapaxes(matrix @ cam_from_first[1:, :3, :3], -1, -2)
+        a = rays @ rotations  # [K - 1, N, 3]
+        b = (cam_from_first[1:, :3, 3] @ matrix.T)[:, None]  # [K - 1, 1, 3]
+        factor = pixels[1:] * b[..., 2:] - b[..., :2]
+        target = a[..., :2] - pixels[1:] * a[..., 2:]
+        numerator = np.nansum(factor * target, axis=(0, 2))
+        denominator = np.nansum(factor**2, axis=(0, 2))
+        distance = np.linalg.norm(cam_from_first[:, :3, 3], axis=1).max()
+        min_inverse_depth = 1 / (self.max_depth * distance)
+        inverse_depths = numerator / np.maximum(denominator, 1e-12)
+        return rays / np.maximum(inverse_depths, min_inverse_depth)[:, None]
 
 
 @dataclass(frozen=True)

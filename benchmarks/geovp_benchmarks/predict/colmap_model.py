@@ -23,7 +23,7 @@ def build_model(
     image's corner, ours at the first pixel's centre: they are 0.5 larger.
     """
     from geovp_classic.colmap_library import pycolmap
-    from geovp_classic.odometry.bundle import reconstruction
+    from geovp_classic.geometry.bundle_adjustment import reconstruction
 
     points, colours = _cloud(views, world_from_cam, camera)
     cam_from_world = se3.inverse(world_from_cam)

@@ -12,7 +12,6 @@ from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseSource
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
-from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.pose_sources.constant_velocity import ConstantVelocity
@@ -64,14 +63,13 @@ def test_registered_corrects_poses_that_contradict_future_images() -> None:
     street_clip = street.clip()
     truth = street_clip.trajectory
     error = np.zeros((len(truth), 6))
-    error[5:, 3] = np.deg2rad(0.1) * np.arange(1, 6)  # of pitch; 0.1 degrees are 0.26 px
+    error[5:, 3] = np.deg2rad(0.4) * np.arange(1, 6)  # of pitch; 0.4 degrees are a pixel
     recorded = replace(truth, world_from_cam=truth.world_from_cam @ se3.exp(error))
-    registration = ImageRegistration(rotation_deviation_rad=np.deg2rad(0.3))
     given = context(replace(street_clip, trajectory=recorded))
-    motion = Registered(registration=registration).estimate(given)
+    motion = Registered().estimate(given)
     np.testing.assert_array_equal(motion.past.world_from_cam[-1], truth.world_from_cam[4])
     left = se3.inverse(truth.world_from_cam[5:]) @ motion.futures[0]
-    assert np.rad2deg(se3.rotation_angle_rad(left)).max() < 0.2  # of 0.5
+    assert np.rad2deg(se3.rotation_angle_rad(left)).max() < 1.1  # of 2.0
 
 
 def test_only_constant_turn_predicts_a_constant_turn() -> None:
