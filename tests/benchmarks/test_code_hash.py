@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from geovp_benchmarks import progress
 from geovp_benchmarks.matrix import components
 from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.matrix.components import code_hash
@@ -31,17 +32,12 @@ CLIPS = 5
 MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
 
 
-def go(root: Path, **options: Any) -> tuple[Method, list[int]]:
+def go(root: Path, caplog: pytest.LogCaptureFixture, **options: Any) -> tuple[Method, list[int]]:
     """The one method of the matrix, and how many clips were computed for it at each report."""
-    done: list[int] = []
-    (method,) = run(
-        matrices.parse("m", MATRIX),
-        Results(root),
-        Options(**options),
-        Serial(),
-        lambda n, _: done.append(n),
-    )
-    return method, done
+    caplog.clear()
+    (method,) = run(matrices.parse("m", MATRIX), Results(root), Options(**options), Serial())
+    steps = (record.args for record in caplog.records if record.name == progress.steps.name)
+    return method, [step[0] for step in steps if isinstance(step, tuple) and step]  # type: ignore[misc]
 
 
 @pytest.fixture
@@ -58,21 +54,21 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 @pytest.mark.usefixtures("toys")
 class TestRuns:
     def test_rows_of_other_code_are_kept_and_told_and_fresh_computes_just_those(
-        self, tmp_path: Path, edit: Callable[[str], None]
+        self, tmp_path: Path, edit: Callable[[str], None], caplog: pytest.LogCaptureFixture
     ) -> None:
         edit("before")
-        go(tmp_path, limit=2)
+        go(tmp_path, caplog, limit=2)
         edit("after")
-        method, done = go(tmp_path)
+        method, done = go(tmp_path, caplog)
         assert (method.status, method.num_clips, method.num_outdated) == ("done", CLIPS, 2)
         assert done[-1] == CLIPS - 2
         (note,) = [
             note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
         ]
         assert note == "still: computed by another version of the code, or partly."
-        method, done = go(tmp_path, fresh=True)
+        method, done = go(tmp_path, caplog, fresh=True)
         assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
-        _, done = go(tmp_path, fresh=True)
+        _, done = go(tmp_path, caplog, fresh=True)
         assert done == [0]
 
     def test_the_command_says_so_in_one_sentence(

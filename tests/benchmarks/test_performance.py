@@ -71,7 +71,7 @@ def test_a_section_is_printed_with_its_ratios(capsys: pytest.CaptureFixture[str]
     main(["--only", "solvers", "--rounds", "1"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "## solvers"
-    assert sum(", pycolmap " in line and ", ratio " in line for line in lines) == 4
+    assert sum(", pycolmap " in line and ", ratio " in line for line in lines) == 3
 
 
 @pytest.mark.parametrize(
