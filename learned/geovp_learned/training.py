@@ -129,6 +129,7 @@ class Trainer:
             "method": config.method_name,
             "settings": asdict(self.method),
             "training": self.settings.decisive,
+            "num_devices": fabric.world_size,  # that share the examples of a step
             "data": training_config.describe(config.train),
         }
         self.progress = Progress()
