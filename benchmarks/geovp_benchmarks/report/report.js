@@ -65,7 +65,7 @@ if (clips.length) {
   const showClip = () => {
     clips.forEach((clip, i) => { clip.hidden = i !== choice.selectedIndex; });
     [left, right].forEach((select, i) => {
-      const name = select.value;
+      const name = select.value || select.dataset.first;
       select.replaceChildren(...films().map((film) => new Option(film.dataset.name)));
       const before = films().findIndex((film) => film.dataset.name === name);
       select.selectedIndex = before < 0 ? Math.min(i, films().length - 1) : before;
