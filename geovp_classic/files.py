@@ -44,8 +44,8 @@ def checked(what: str, advice: str) -> Iterator[None]:
     try:
         yield
     except Exception as problem:
-        reason = str(problem).strip().partition("\n")[0][:200]
-        reason = reason or type(problem).__name__
+        reason = str(getattr(problem, "strerror", None) or problem).strip()
+        reason = reason.partition("\n")[0][:200] or type(problem).__name__
         raise BadData(f"{what} ({reason}): {advice}") from problem
 
 

@@ -193,6 +193,8 @@ def test_a_camera_by_its_angle(images: Path, tmp_path: Path, command: Command) -
     assert ended.code == 0
     # tan 45 degrees = 1: half the width of 128
     assert "(field of view): focal length 64.0 px" in ended.err
+    with pytest.raises(SystemExit, match="2"):
+        command("predict", images, "--fov", "180")
 
 
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:

@@ -21,11 +21,12 @@ CAMERA = {
         "--intrinsics X": option(
             "FX FY CX CY in pixels of the stored images. Default: estimated from the motion.",
             nargs=4,
+            metavar=("FX", "FY", "CX", "CY"),
         ),
         "--fov X": option(
             "Horizontal field of view in degrees. Default: estimated from the motion.",
             dest="fov_deg",
-            type=number(1, kind=float),
+            type=number(1, 179, float),
         ),
         "--calibration FILE": "KITTI calib.txt, COLMAP cameras.txt, or a ROS or Kalibr yaml file.",
     },
