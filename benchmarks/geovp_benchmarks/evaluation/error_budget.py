@@ -18,7 +18,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Dataset, FrameMetric
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.types import ByteArray, Clip, PrivilegedInput
+from geovp_classic.types import ByteArray, Clip, FloatArray, PrivilegedInput
 
 # Predicted and real frames [N, H, W, 3] of a variant, which is any value that can be a key.
 Predict = Callable[[Any], tuple[ByteArray, ByteArray]]
@@ -46,26 +46,22 @@ class Method:
         """Return a clip that can be predicted with stages from ground truth."""
         return OracleClip(self.predictor, clip, self.matrix.num_past, self.steps)
 
-    def change_tables(
-        self,
-        pairs: Pairs,
-        levels: Mapping[str, Any],  # variants
-        prepare: Callable[[Clip], Predict],
-        notes: Iterable[str] = (),
-    ) -> list[Table]:
-        """Return the paired changes per metric, with the mean scores of `levels` in the title.
+    def score(
+        self, pairs: Pairs, prepare: Callable[[Clip], Predict]
+    ) -> tuple[dict[Any, FloatArray], list[str], list[str]]:
+        """Return scores [metrics, clips] by variant, the clips, and why variants are impossible.
 
-        Raises Incompatible if all variants are impossible on all clips.
+        Scores of an impossible variant are NaN. Raises Incompatible if all are, on all clips.
         """
         shape = len(self.metrics), self.num_clips
-        scores = {  # by variant; NaN where it is impossible
+        scores = {
             variant: np.full(shape, np.nan)
             for row in pairs.values()
             for pair in row.values()
             for variant in pair
         }
         names: list[str] = []
-        reasons = {}
+        reasons: dict[str, Incompatible] = {}
         for number in tracked(range(self.num_clips)):
             clip = self.dataset[number]
             names.append(clip.name)
@@ -79,6 +75,20 @@ class Method:
                     reasons[str(error)] = error
         if np.isnan([*scores.values()]).all():
             raise next(iter(reasons.values()))
+        return scores, names, [*reasons]
+
+    def change_tables(
+        self,
+        pairs: Pairs,
+        levels: Mapping[str, Any],  # variants
+        prepare: Callable[[Clip], Predict],
+        notes: Iterable[str] = (),
+    ) -> list[Table]:
+        """Return the paired changes per metric, with the mean scores of `levels` in the title.
+
+        Raises Incompatible if all variants are impossible on all clips.
+        """
+        scores, names, reasons = self.score(pairs, prepare)
         horizons = ", ".join(str(step + 1) for step in self.steps)
         title = (
             f"{self.label}: {len(names)} clips of {self.dataset.name}, "
