@@ -10,10 +10,10 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """The page with every formula converted; mkdocs calls this for every page."""
+    """Convert all formulas of a page; mkdocs calls this for each page."""
     return FORMULA.sub(_mathml, content)
 
 
-def _mathml(found: re.Match[str]) -> str:
-    kind = "block" if found[1] == "div" else "inline"
-    return f"<{found[1]}>{convert(html.unescape(found[2]), display=kind)}</{found[1]}>"
+def _mathml(match: re.Match[str]) -> str:
+    kind = "block" if match[1] == "div" else "inline"
+    return f"<{match[1]}>{convert(html.unescape(match[2]), display=kind)}</{match[1]}>"

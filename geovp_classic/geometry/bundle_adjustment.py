@@ -143,8 +143,8 @@ def reconstruction(
     points: FloatArray,  # [N, 3]
     pixels: FloatArray,  # [K, N, 2] as COLMAP counts them; NaN: not observed
     camera: pycolmap.Camera,  # with camera_id = 1
-    weights: CountArray
-    | None = None,  # [K, N], how often an observation counts; default: once
+    # [K, N], how often an observation counts; default: once
+    weights: CountArray | None = None,
 ) -> pycolmap.Reconstruction:
     """Return a reconstruction of images and points; their identifiers count from 1."""
     counts = np.isfinite(pixels[..., 0]).astype(int)

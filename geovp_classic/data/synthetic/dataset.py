@@ -69,8 +69,8 @@ class Synthetic(Optics):
         street = build_street(seed, manoeuvre)
         times_s = (first + np.arange(self.num_frames)) / 10.0
         world_from_cam = self._world_from_cam(street.ego, times_s, seed)
-        square, wide = self._cameras()
-        camera = wide if self.with_full else square
+        square, uncropped = self._cameras()
+        camera = uncropped if self.with_full else square
         light, depths, moving = render_drive(
             street, world_from_cam, camera, times_s, self
         )
@@ -80,9 +80,9 @@ class Synthetic(Optics):
             right_from_left = np.eye(4)
             right_from_left[0, 3] = -0.54  # KITTI's baseline
             poses = world_from_cam @ se3.inverse(right_from_left)
-            light, _, _ = render_drive(street, poses, wide, times_s, self)
+            light, _, _ = render_drive(street, poses, uncropped, times_s, self)
             images = self._expose(light, index, 1)
-            right = ExtraView(images, wide, right_from_left)
+            right = ExtraView(images, uncropped, right_from_left)
         return Clip(
             name=self.clip_names[index],
             frames=_middle(frames, square.width_px),
@@ -91,7 +91,9 @@ class Synthetic(Optics):
             trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
             depths=_middle(depths, square.width_px),
             moving=_middle(moving, square.width_px),
-            full=ExtraView(frames, wide, np.eye(4)) if self.with_full else None,
+            full=ExtraView(frames, uncropped, np.eye(4))
+            if self.with_full
+            else None,
             right=right,
             camera_height_m=self.camera_height_m,
         )

@@ -55,11 +55,11 @@ def render_drive(
     margin_px = int(3.0 * optics.blur_px + 0.5) + 1
     width_px = camera.width_px + 2 * margin_px
     height_px = camera.height_px + 2 * margin_px
-    wide = camera.cropped(-margin_px, -margin_px, width_px, height_px)
+    larger = camera.cropped(-margin_px, -margin_px, width_px, height_px)
 
     def render(step: int) -> Rendering:
         caster = RayCaster(street.solids_at(times_s[step]))
-        view = _View(caster, street, optics, world_from_cam[step], wide)
+        view = _View(caster, street, optics, world_from_cam[step], larger)
         return view.render()
 
     frames = parallel_map(render, range(len(times_s)))

@@ -148,15 +148,18 @@ def model(rng: Generator, name: str) -> Solids:
         name: rng.choice(choices) for name, choices in TABLES["tints"].items()
     }
     solids = []
-    for part in _tree(rng) if name == "tree" else TABLES["models"][name]:
-        low, high = part["low"], part["high"]
+    for shape in _tree(rng) if name == "tree" else TABLES["models"][name]:
+        low, high = shape["low"], shape["high"]
         world_from_local = np.diag([*np.subtract(high, low), 1.0])
         world_from_local[:3, 3] = low[0], -high[1], low[2]
-        paint = part["paint"] * (3 // len(part["paint"]))
+        paint = shape["paint"] * (3 // len(shape["paint"]))
         textures = [Texture[texture.upper()] for texture, _ in paint]
         surface_tints = [tints[tint] for _, tint in paint]
-        shape = part.get("taper", [0.0] * 4), part.get("round", False)
-        solids.append((world_from_local, *shape, textures, surface_tints))
+        taper = shape.get("taper", [0.0] * 4)
+        is_round = shape.get("round", False)
+        solids.append(
+            (world_from_local, taper, is_round, textures, surface_tints)
+        )
     return Solids(*map(np.array, zip(*solids, strict=True)))
 
 
