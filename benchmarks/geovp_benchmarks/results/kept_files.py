@@ -16,7 +16,7 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
-T = TypeVar("T", Clip, Prediction)
+Kept = TypeVar("Kept", Clip, Prediction)
 NESTED = {"intrinsics": Intrinsics, "trajectory": Trajectory, "motion": Motion, "past": Trajectory}
 
 
@@ -29,7 +29,7 @@ def write(path: Path, value: Clip | Prediction) -> None:
     write_bytes(path, stream.getvalue())
 
 
-def read(path: Path, kind: type[T]) -> T:
+def read(path: Path, kind: type[Kept]) -> Kept:
     """Return a clip or prediction; raise BadData for a missing file or other arrays."""
     if not path.exists():
         raise BadData(
@@ -37,7 +37,7 @@ def read(path: Path, kind: type[T]) -> T:
         )
     arrays = files.read_npz(path)
     try:
-        value: T = _built(kind, arrays)
+        value: Kept = _built(kind, arrays)
     except (TypeError, ValueError, AttributeError, KeyError, BadData) as problem:
         raise BadData(f"{path} holds another {kind.__name__} ({problem}): remove it") from problem
     return value

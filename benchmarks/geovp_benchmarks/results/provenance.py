@@ -8,17 +8,8 @@ from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import Any
 
+from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Method
-
-DIGITS = 8
-SHARED = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
-NOT_COUNTED = (
-    "root",
-    "with_full",
-    "with_right",
-)  # a data set is the same in another folder; views follow from needs
-NOT_COMPARED = ("confidence",)  # describes what a prediction rests on, not how good it is
-OF_A_METRIC = ("asked", "unit", "definition")
 
 
 def content_hash(value: Any) -> str:
@@ -31,14 +22,18 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
 
     It differs if the data set, clips, frames, sizes or definitions of metrics do.
     """
-    dataset = {key: value for key, value in protocol["dataset"].items() if key not in NOT_COUNTED}
-    metrics = {
-        name: {key: about[key] for key in OF_A_METRIC if key in about}
+    shared = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
+    facts = {key: protocol.get(key) for key in shared}
+    uncounted = ("root", "with_full", "with_right")  # the folder, and views that methods need
+    dataset = protocol["dataset"].items()
+    facts["dataset"] = {key: value for key, value in dataset if key not in uncounted}
+    of_a_metric = ("asked", "unit", "definition")
+    facts["metrics"] = {
+        name: {key: about[key] for key in of_a_metric if key in about}
         for name, about in protocol["metrics"].items()
-        if name not in NOT_COMPARED
+        if name != CONFIDENCE  # describes what a prediction rests on, not how good it is
     }
-    shared = {key: protocol.get(key) for key in SHARED}
-    return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
+    return content_hash(facts)[:8]
 
 
 def weights_notes(methods: Iterable[Method]) -> list[str]:

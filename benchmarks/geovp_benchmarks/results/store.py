@@ -34,17 +34,17 @@ from geovp_classic.types import Clip, Prediction
 
 __all__ = ["Method", "Results", "ScoreRecord", "Scores"]
 
-T = TypeVar("T")
+Item = TypeVar("Item")
 
 
-def _remembered(read: Callable[..., T]) -> Callable[..., T]:
+def _remembered(read: Callable[..., Item]) -> Callable[..., Item]:
     """Return a method of Results that reads once, until something is written.
 
     It reads again where a run has merged files meanwhile.
     """
 
     @functools.wraps(read)
-    def reader(results: Results, *args: Any) -> T:
+    def reader(results: Results, *args: Any) -> Item:
         key = (results, read.__name__, *args)
         num_tries = 0
         while key not in results.memory:
@@ -55,7 +55,7 @@ def _remembered(read: Callable[..., T]) -> Callable[..., T]:
                 if num_tries == 5:
                     raise
                 results.memory.clear()
-        value: T = results.memory[key]
+        value: Item = results.memory[key]
         return value
 
     return reader

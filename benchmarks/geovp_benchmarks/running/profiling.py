@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-T = TypeVar("T")
+Result = TypeVar("Result")
 
 
 class Usage:
@@ -32,8 +32,8 @@ class Usage:
                 self.peak_mb = max(self.peak_mb, peak_mb())
 
     def shared(
-        self, results: dict[Hashable, Any], stage: str, key: Hashable, step: Callable[[], T]
-    ) -> T:
+        self, results: dict[Hashable, Any], stage: str, key: Hashable, step: Callable[[], Result]
+    ) -> Result:
         """Return the result of a step, computed once per stage and key; charge its full cost."""
         if (stage, key) not in results:
             cost = Usage()
