@@ -101,16 +101,18 @@ def write_results(folder: Path) -> None:
     results = Results(folder)
     write_protocol(results, "x", "a", num_past=3)
     method = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
-    method |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
+    method |= {"fingerprint": "f", "components": {}}
     method |= {"privileged_inputs": []}
     results.write_method(Method(name="x", **method))
     rows = Scores(["a"], {"psnr": np.linspace(20, 30, 6).reshape(1, 1, 6)})
     results.write_scores([(rows, ScoreRecord("x", ["a"], "f", {"psnr": {}}, {"view": 2.5}, 100.0))])
     stack = np.stack([IMAGE] * 8)
-    results.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
+    results.clips().write("a", Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
     covered = np.ones((1, 5, 32, 48), bool)
-    results.write_prediction("x", "a", Prediction(stack[None, 3:], covered, motion))
+    results.predictions(results.method("x")).write(
+        "a", Prediction(stack[None, 3:], covered, motion)
+    )
 
 
 def result(file: str, read: Callable[[Results], Any]) -> Reader:
@@ -127,7 +129,7 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
 
 def read_scores(results: Results) -> Any:
-    return [*results.scores("x").rows()], [record.seconds for record in results.score_records("x")]
+    return [*results.scores("x").rows()], results.method("x").seconds
 
 
 def colmap_model(file: str) -> Write:
@@ -252,8 +254,10 @@ READERS: dict[str, Reader] = {
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
-    "clip": result("clips/a..npz", lambda results: results.clip("a")),
-    "prediction": result("x/predictions/a.f.npz", lambda results: results.prediction("x", "a")),
+    "clip": result("clips/a..npz", lambda results: results.clips().read("a")),
+    "prediction": result(
+        "x/predictions/a.f.npz", lambda results: results.predictions(results.method("x")).read("a")
+    ),
     "scores": result("x/scores/part-*.parquet", read_scores),
     "method.json": result("x/method.json", lambda results: results.methods()),
     "protocol.json": result("protocol.json", lambda results: dict(results.protocol())),

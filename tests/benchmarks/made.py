@@ -4,7 +4,6 @@ cameras.
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,8 +124,7 @@ def write_row(
     own |= {"components": {}, "fingerprint": "f"}
     results.write_method(Method(name=name, **{**own, **record}))
     if lines:
-        scored = replace(scores(lines), facts=facts or {})
-        results.write_scores([(scored, ScoreRecord(name, clips, "f"))])
+        results.write_scores([(scores(lines), ScoreRecord(name, clips, "f", facts=facts or {}))])
 
 
 def write_protocol(

@@ -36,9 +36,9 @@ def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> 
 @on_linux
 def test_a_shared_step_keeps_its_peak() -> None:
     steps: dict[Any, Any] = {}
-    usages = (Usage(), Usage(), Usage())
+    usages = (Usage(steps), Usage(steps), Usage(steps))
     for usage in usages[:2]:
-        usage.shared(steps, "reconstruct", (), lambda: hold(LARGE_MB))
+        usage.shared("reconstruct", (), lambda: hold(LARGE_MB))
     for usage in usages:
         with usage.measure("view"):
             hold(1)
@@ -49,9 +49,9 @@ def test_a_shared_step_keeps_its_peak() -> None:
 
 def test_each_method_is_charged_what_it_would_have_cost_alone() -> None:
     steps: dict[Any, Any] = {}
-    usages, calls = (Usage(), Usage()), []
+    usages, calls = (Usage(steps), Usage(steps)), []
     for usage in usages:
-        assert usage.shared(steps, "motion", "source", lambda: calls.append(0) or 7) == 7
+        assert usage.shared("motion", "source", lambda: calls.append(0) or 7) == 7
     assert len(calls) == 1
     assert usages[0].seconds == usages[1].seconds
     assert usages[0].seconds["motion"] > 0

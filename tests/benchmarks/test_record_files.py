@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results import kept_files, records
+from geovp_benchmarks.results import records
+from geovp_benchmarks.results.kept_files import KeptFiles
 from geovp_benchmarks.results.store import Results
 from geovp_classic import files
 from geovp_classic.errors import BadData
@@ -23,7 +24,7 @@ METHOD = {
     "privileged_inputs": ["PAST_POSES"],
     "num_samples": 1,
 }
-METHOD |= {"num_clips": 2, "seconds": {}, "fingerprint": "f", "components": {}}
+METHOD |= {"fingerprint": "f", "components": {}}
 FRAMES = np.zeros((1, 2, 4, 5, 3), np.uint8)
 POSES = np.tile(np.eye(4), (3, 1, 1))
 MOTION = {
@@ -57,8 +58,8 @@ def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> Non
 
 
 def kept(folder: Path, arrays: dict[str, Any], is_clip: bool = False) -> Clip | Prediction:
-    np.savez(folder / "a.npz", **arrays)
-    return kept_files.read(folder / "a.npz", Clip if is_clip else Prediction)
+    np.savez(folder / "a..npz", **arrays)
+    return KeptFiles(folder, "", Clip if is_clip else Prediction).read("a")
 
 
 @pytest.mark.parametrize(
@@ -94,15 +95,15 @@ def test_what_a_run_keeps_is_read(more: dict[str, Any], is_clip: bool, tmp_path:
         {"label": 3},
         {"privileged_inputs": "PAST_POSES"},
         {"privileged_inputs": ["PAST_POSES", 1]},
-        {"seconds": []},
-        {"peak_memory_mb": "much"},
-        {"num_clips": "7" * 90},
+        {"components": []},
+        {"fingerprint": 7},
+        {"reason": [7] * 90},
     ],
 )
 def test_a_value_of_another_kind_is_refused_with_its_key(
     changed: dict[str, Any], tmp_path: Path
 ) -> None:
-    assert METHOD.items() <= method(tmp_path, peak_memory_mb=3, unknown=[1]).items()
+    assert METHOD.items() <= method(tmp_path, unknown=[1]).items()
     with pytest.raises(BadData, match=rf"method\.json: {next(iter(changed))}.* is .* expected"):
         method(tmp_path, **changed)
 
@@ -129,7 +130,7 @@ def test_a_missing_key_is_named(tmp_path: Path) -> None:
 )
 def test_other_arrays_of_a_prediction_are_refused(changed: dict[str, Any], tmp_path: Path) -> None:
     arrays = {"frames": FRAMES} | MOTION | changed
-    with pytest.raises(BadData, match=r"a\.npz holds another .*remove it"):
+    with pytest.raises(BadData, match=r"a\.\.npz holds another .*remove it"):
         kept(tmp_path, {name: array for name, array in arrays.items() if array is not None})
 
 
@@ -146,5 +147,5 @@ def test_other_arrays_of_a_prediction_are_refused(changed: dict[str, Any], tmp_p
 )
 def test_other_arrays_of_a_clip_are_refused(changed: dict[str, Any], tmp_path: Path) -> None:
     given = {name: array for name, array in {**CLIP, **changed}.items() if array is not None}
-    with pytest.raises(BadData, match=r"a\.npz holds another .*remove it"):
+    with pytest.raises(BadData, match=r"a\.\.npz holds another .*remove it"):
         kept(tmp_path, given, is_clip=True)

@@ -90,13 +90,13 @@ class TestRows:
         go(tmp_path, tables)
         results = Results(tmp_path)
         spread = ["road/000", "road/004", "road/008"]
-        assert results.predictions("a--r") == spread
-        assert results.clips() == spread
-        kept = results.prediction("b--q", "road/004")
+        assert results.predictions(results.method("a--r")).names == spread
+        assert results.clips().names == spread
+        kept = results.predictions(results.method("b--q")).read("road/004")
         assert (kept.frames == 42).all()
         assert kept.motion is not None
         go(tmp_path, tables, keep="all")
-        assert len(results.predictions("a--r")) == 9
+        assert len(results.predictions(results.method("a--r")).names) == 9
 
 
 @pytest.mark.usefixtures("toys")
@@ -137,11 +137,11 @@ class TestAgain:
         for key, value in (("num_past", 2), ("num_future", 1)):
             go(tmp_path, {**tables, "protocol": {**tables["protocol"], key: value}})
         assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
-        assert len(Results(tmp_path).clip("road/000").frames) == 4
+        assert len(Results(tmp_path).clips().read("road/000").frames) == 4
         assert len(log.read_text().split()) == 3 * tried
         go(tmp_path, tables)
         assert rows(tmp_path, "still") == first
-        assert len(Results(tmp_path).clip("road/000").frames) == 5
+        assert len(Results(tmp_path).clips().read("road/000").frames) == 5
         assert len(log.read_text().split()) == 3 * tried
 
     def test_another_stride_recomputes_nothing(self, tmp_path: Path) -> None:
@@ -242,10 +242,10 @@ class TestFailures:
             {"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}}
         )
         method = go(tmp_path, tables, keep="0")["broken"]
-        assert (method.status, method.num_clips, method.num_failed) == ("done", 5, 2)
+        assert (method.status, method.num_clips, len(method.failures)) == ("done", 5, 2)
         assert "the road ended" in method.traceback
         reason = "ZeroDivisionError: the road ended"
-        assert Results(tmp_path).failures("broken") == {"road/003": reason, "road/004": reason}
+        assert [failure.reason for failure in method.failures.values()] == [reason] * 2
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
         assert copied == [1.0, 2.0]  # the road gets brighter by one a frame
         tried = len(log.read_text().split())
@@ -272,9 +272,9 @@ class TestFailures:
         log = tmp_path / "log"
         picky = {"name": "toy-picky", "brightness": 32, "log": str(log)}
         matrix = content({"clips": 5}, predictors={"picky": picky})
-        assert go(tmp_path, matrix)["picky"].num_failed == 2
+        assert go(tmp_path, matrix)["picky"].failures.keys() == {"road/003", "road/004"}
         tried = log.read_text()
-        assert go(tmp_path, matrix)["picky"].num_failed == 2
+        assert go(tmp_path, matrix)["picky"].failures.keys() == {"road/003", "road/004"}
         assert log.read_text() == tried
 
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
@@ -314,7 +314,10 @@ class TestFailures:
         for _ in range(2):
             assert go(tmp_path, misfit, keep="all")[name].status == "skipped"
             results = Results(tmp_path)
-            assert (results.score_records(name), results.predictions(name)) == ([], [])
+            assert (
+                results.method(name).scored,
+                results.predictions(results.method(name)).names,
+            ) == ({}, [])
         tried = len(log.read_text().split())
         assert go(tmp_path, content(predictors={name: table}), keep="all")[name].status == "done"
         assert rows(tmp_path, name) == before != []
@@ -328,7 +331,7 @@ class TestFailures:
         )
         go(tmp_path, tables)
         results = Results(tmp_path)
-        (record,) = results.score_records("still")
+        record = results.method("still").scored["road/000"]
         results.write_scores([(results.scores("still"), replace(record, method="gone"))])
         there = json.loads((tmp_path / "still/method.json").read_text())
         here = json.loads((tmp_path / "gone/method.json").read_text())

@@ -53,10 +53,10 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     depths = np.full((5, 12, 16), np.inf, np.float32)
     moving = np.zeros((5, 12, 16), bool)
     kept = clip(trajectory=trajectory(5), depths=depths, moving=moving, camera_height_m=1.65)
-    results = Results(tmp_path)
-    results.write_clip(kept)
-    assert results.clips() == [NAME]
-    back = results.clip(NAME)
+    results = begun(tmp_path)
+    results.clips().write(NAME, kept)
+    assert results.clips().names == [NAME]
+    back = results.clips().read(NAME)
     np.testing.assert_array_equal(back.frames, kept.frames)
     np.testing.assert_array_equal(back.depths, depths)
     np.testing.assert_array_equal(back.moving, moving)
@@ -64,8 +64,8 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.trajectory.world_from_cam, trajectory(5).world_from_cam)
     assert back.trajectory.is_metric
     assert (back.intrinsics, back.camera_height_m) == (CAMERA, 1.65)
-    results.write_clip(clip())
-    back = results.clip(NAME)
+    results.clips().write(NAME, clip())
+    back = results.clips().read(NAME)
     assert back.trajectory is back.depths is back.moving is back.camera_height_m is None
 
 
@@ -74,18 +74,19 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     covered = np.ones((2, 3, 4, 5), bool)
     past = dataclasses.replace(trajectory(2), scale_uncertainty=0.5)
     motion = Motion(past, np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
-    results = Results(tmp_path)
-    results.write_prediction("x", NAME, Prediction(frames, covered, motion))
-    results.write_prediction("y", NAME, Prediction(frames))
-    assert results.predictions("x") == [NAME]
-    back = results.prediction("x", NAME)
+    results = begun(tmp_path)
+    write_row(results, "y")
+    results.predictions(results.method("x")).write(NAME, Prediction(frames, covered, motion))
+    results.predictions(results.method("y")).write(NAME, Prediction(frames))
+    assert results.predictions(results.method("x")).names == [NAME]
+    back = results.predictions(results.method("x")).read(NAME)
     np.testing.assert_array_equal(back.frames, frames)
     assert back.motion is not None
     assert back.covered is not None
     np.testing.assert_array_equal(back.motion.futures, motion.futures)
     np.testing.assert_array_equal(back.motion.tracked, [True, False])
     assert back.motion.past.scale_uncertainty == 0.5
-    plain = results.prediction("y", NAME)
+    plain = results.predictions(results.method("y")).read(NAME)
     assert (plain.covered, plain.motion) == (None, None)
 
 
@@ -107,8 +108,8 @@ def test_rows_come_back_in_the_order_of_clips_and_undefined_is_null(tmp_path: Pa
     file_of(results, rows_of("b", 3.0, None), ["b"], "f", {}, {"view": 2.0}, 10.0)
     file_of(results, rows_of("a", 1.0), ["a"], "f", {}, {"view": 1.0}, 11.0)
     assert values(results) == [1.0, 3.0]  # a value that is not defined is NaN
-    seconds = {tuple(record.clips): record.seconds for record in results.score_records("x")}
-    assert seconds == {("a",): {"view": 1.0}, ("b",): {"view": 2.0}}
+    seconds = {clip: record.seconds for clip, record in results.method("x").scored.items()}
+    assert seconds == {"a": {"view": 1.0}, "b": {"view": 2.0}}
 
 
 def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path) -> None:
@@ -118,14 +119,9 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
     file_of(results, rows_of("a", 2.0), ["a"], "f", {}, {"view": 1.0}, 1.0)
     for _ in range(2):
         assert values(results) == [2.0, 1.0]
-        assert sum(
-            record.seconds["view"] for record in results.score_records("x")
-        ) == pytest.approx(2.0)
-        assert sorted(clip for record in results.score_records("x") for clip in record.clips) == [
-            "a",
-            "b",
-        ]
-        results.merge("x")
+        assert results.method("x").seconds["view"] == pytest.approx(2.0)
+        assert [*results.method("x").scored] == ["a", "b"]
+        results.merge([results.method("x")])
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
     write_protocol(results, "x", "c")
     assert values(results) == [1.0]  # clips that are not wanted now are still stored
@@ -149,7 +145,7 @@ def test_a_clip_without_any_score_is_stored(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_scores([(Scores(["a"], {}), ScoreRecord("x", ["a"], "f"))])
     assert results.scores("x").values == {}
-    assert [record.clips for record in results.score_records("x")] == [["a"]]
+    assert [*results.method("x").scored] == ["a"]
 
 
 def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
@@ -160,7 +156,7 @@ def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
 
     def scores_after_merge(*parts_and_clips: Any) -> Scores:
         while merges:
-            merges.pop()("x")
+            merges.pop()([results.method("x")])
         return read(*parts_and_clips)
 
     reader._score_files.scores = scores_after_merge  # type: ignore[method-assign]
@@ -177,9 +173,9 @@ def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path:
         results = begun(root)
         results.write_scores([(stored, about)])
         assert dicts(results.scores("x")) == dicts(stored)
-        assert [
-            (record.clips, record.metrics, record.failures) for record in results.score_records("x")
-        ] == [(["it's"], {"m'": {"a": "'"}}, {"it's": failure})]
+        record = results.method("x").scored["it's"]
+        assert record.metrics == {"m'": {"a": "'"}}
+        assert record.failures == {"it's": failure}
 
 
 def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
@@ -204,39 +200,40 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
 
 
 def test_a_pickle_is_not_read(tmp_path: Path) -> None:
+    results = begun(tmp_path)
     (tmp_path / "clips").mkdir()
     np.savez(tmp_path / "clips" / "evil..npz", frames=np.array([object()]))
     with pytest.raises(BadData, match="evil"):
-        Results(tmp_path).clip("evil")
+        results.clips().read("evil")
 
 
 def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
     results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "old"))])
-    results.write_prediction("x", "a", Prediction(clip().frames[None]))
+    results.predictions(results.method("x")).write("a", Prediction(clip().frames[None]))
     results = begun(tmp_path, "new")
-    assert (results.score_records("x"), results.predictions("x")) == ([], [])
+    assert (results.method("x").scored, results.predictions(results.method("x")).names) == ({}, [])
     results.write_scores([(rows(2.0), ScoreRecord("x", ["a"], "new"))])
     results.write_scores([(rows(3.0), ScoreRecord("x", ["a"], "new"))])
-    results.merge("x")
+    results.merge([results.method("x")])
     assert values(results) == [3.0]
-    assert [record.clips for record in results.score_records("x", "old")] == [["a"]]
+    assert [*results.scored("x", "old")] == ["a"]
     results = begun(tmp_path, "old")
     assert values(results) == [1.0]
-    assert results.predictions("x") == ["a"]
-    results.write_clip(clip())
+    assert results.predictions(results.method("x")).names == ["a"]
+    results.clips().write(NAME, clip())
     protocol = dict(results.protocol())
     results.write_protocol({**protocol, "fingerprint": "other"})
-    assert results.clips() == []
+    assert results.clips().names == []
     results.write_protocol(protocol)
-    assert results.clips() == [NAME]
+    assert results.clips().names == [NAME]
 
 
 def test_damaged_kept_files_are_noticed(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_clip(clip())
-    results.write_prediction("x", "good", Prediction(clip().frames[None]))
-    results.write_prediction("x", "bad", Prediction(clip().frames[None]))
+    results.clips().write(NAME, clip())
+    results.predictions(results.method("x")).write("good", Prediction(clip().frames[None]))
+    results.predictions(results.method("x")).write("bad", Prediction(clip().frames[None]))
     (results.root / "x/predictions/.scratch.npz").write_bytes(b"")
     bad = tmp_path / "x/predictions/bad.f.npz"
     (kept,) = (tmp_path / "clips").iterdir()
@@ -271,7 +268,7 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
     failures = {"b": Failure("failed", "no features", "trace")}
     for index, name in enumerate("ab"):
         facts = {name: {"yaw_deg": float(index)}}
-        record = ScoreRecord("x", [name], "f", failures=failures)
-        results.write_scores([(dataclasses.replace(rows_of(name, 1.0), facts=facts), record)])
-    assert results.failures("x") == {"b": "no features"}
+        record = ScoreRecord("x", [name], "f", failures=failures, facts=facts)
+        results.write_scores([(rows_of(name, 1.0), record)])
+    assert results.method("x").failures == failures
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}

@@ -52,10 +52,10 @@ def examine_results(root: Path) -> Iterator[str]:
     """Yield which scores a results folder lacks, and its damaged files."""
     results = Results(root)
     clips = results.protocol()["clips"]
+    stored = {method.name: method for method in results.methods()}
     for name in results.protocol()["methods"]:
-        method = results.method(name)
-        stored = {clip for record in results.score_records(name) for clip in record.clips}
-        missing = [clip for clip in clips if clip not in stored]
+        method = stored.get(name)
+        missing = [clip for clip in clips if method is None or clip not in method.scored]
         if missing and (method is None or method.status != "skipped"):
             yield (
                 f"{name}: scores of {len(missing)} of {len(clips)} clips are missing, such as "

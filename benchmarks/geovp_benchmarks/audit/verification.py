@@ -49,8 +49,7 @@ def sample(results: Results, count: int, seed: int, root: Path | None) -> list[P
     pairs = [
         Pair(results, method, record, clip)
         for method in results.methods()
-        for record in results.score_records(method.name)
-        for clip in record.clips
+        for clip, record in method.scored.items()
     ]
     if not pairs or "rescored_from" in results.protocol():
         raise BadData(
@@ -77,7 +76,7 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     try:
         matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
-        components = built.methods[matrix.methods[0]].values()
+        components = built.methods[pair.method.name].values()
         for component in components:
             if isinstance(component, Failure):
                 raise GeovpError(component.reason)
@@ -142,8 +141,7 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
 def _recompute(pair: Pair, matrix: Matrix) -> Values:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
     index = pair.results.protocol()["clips"].index(pair.clip)
-    fingerprints = {matrix.methods[0]: pair.method.fingerprint}
-    task = Task(matrix.model_dump_json(), pair.results.root, index, pair.clip, fingerprints)
+    task = Task(matrix.model_dump_json(), pair.results.root, index, pair.clip, [pair.method])
     [(scores, record)] = score_clip(task)
     if record.failures and pair.clip not in pair.record.failures:
         raise GeovpError(record.failures[pair.clip].reason)

@@ -16,7 +16,7 @@ from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
 @context(SHEET)
 def clip_pages(material: Material, number: int, name: str, options: Options) -> list[Page]:
     """Draw the figures of one clip; its number keeps file names apart."""
-    clip, past = material.results.clip(name), material.protocol["num_past"]
+    clip, past = material.results.clips().read(name), material.protocol["num_past"]
     rows = {"ground truth": clip.frames[past:]}
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
     for method, prediction in material.predictions(name, material.shown(options.max_methods)):

@@ -73,19 +73,20 @@ class Material:
     ) -> Iterator[tuple[Method, Prediction]]:
         """Yield the kept predictions of a clip with their methods."""
         for method in methods:
-            if clip in self.results.predictions(method.name):
-                yield method, self.results.prediction(method.name, clip)
+            predictions = self.results.predictions(method)
+            if clip in predictions.names:
+                yield method, predictions.read(clip)
 
     @property
     def clips(self) -> list[str]:
         """Return the kept clips of the protocol."""
-        return [name for name in self.results.clips() if name in self.protocol["clips"]]
+        return [name for name in self.results.clips().names if name in self.protocol["clips"]]
 
     @cached_property
     def step_s(self) -> float | None:
         """Return the seconds between two frames, known from the first kept clip."""
         for name in self.clips:
-            return float(np.diff(self.results.clip(name).times_s).mean())
+            return float(np.diff(self.results.clips().read(name).times_s).mean())
         return None
 
 

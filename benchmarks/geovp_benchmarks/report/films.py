@@ -62,7 +62,7 @@ def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip
 
 def _films(material: Material, name: str) -> Iterator[Film]:
     """Yield the ground truth, then the predictions of a clip."""
-    clip, last = material.results.clip(name), material.protocol["num_past"] - 1
+    clip, last = material.results.clips().read(name), material.protocol["num_past"] - 1
     yield Film("ground truth", [], clip.frames[last:])
     for method, prediction in material.predictions(name, material.methods):
         frames = np.concatenate([clip.frames[last : last + 1], prediction.frames[0]])

@@ -2,12 +2,12 @@
 such as "motion.past.world_from_cam".
 """
 
-import dataclasses
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
+from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -20,27 +20,50 @@ Kept = TypeVar("Kept", Clip, Prediction)
 NESTED = {"intrinsics": Intrinsics, "trajectory": Trajectory, "motion": Motion, "past": Trajectory}
 
 
-def write(path: Path, value: Clip | Prediction) -> None:
-    """Write all fields but those that are None; a clip without its full and right views."""
-    if isinstance(value, Clip):
-        value = dataclasses.replace(value, full=None, right=None)
-    stream = io.BytesIO()  # a zip file raises a second error when it is closed on a full disk
-    np.savez_compressed(stream, **dict(_flattened(value)))
-    write_bytes(path, stream.getvalue())
+@dataclass(frozen=True)
+class KeptFiles(Generic[Kept]):
+    """Kept clips, or predictions of a method, of one fingerprint."""
 
+    folder: Path
+    fingerprint: str
+    kind: type[Kept]
 
-def read(path: Path, kind: type[Kept]) -> Kept:
-    """Return a clip or prediction; raise BadData for a missing file or other arrays."""
-    if not path.exists():
-        raise BadData(
-            f"{path} does not exist: only the predictions of a few clips are kept, see --keep"
-        )
-    arrays = files.read_npz(path)
-    try:
-        value: Kept = _built(kind, arrays)
-    except (TypeError, ValueError, AttributeError, KeyError, BadData) as problem:
-        raise BadData(f"{path} holds another {kind.__name__} ({problem}): remove it") from problem
-    return value
+    @property
+    def names(self) -> list[str]:
+        """Return the names of the clips that have a file."""
+        end = self.path("").name
+        paths = sorted(self.folder.glob(f"[!.]*{end}"))
+        return [unquote(path.name.removesuffix(end)) for path in paths]
+
+    def path(self, clip: str) -> Path:
+        """Return the file of a clip, from whose name that of the clip can be recovered."""
+        return self.folder / f"{quote(clip, safe='+@=, ')}.{self.fingerprint[:8]}.npz"
+
+    def write(self, clip: str, value: Kept) -> None:
+        """Write all fields but those that are None; a clip without its full and right views."""
+        arrays = {
+            field: array
+            for field, array in _flattened(value)
+            if not field.startswith(("full.", "right."))
+        }
+        stream = io.BytesIO()  # a zip file raises a second error when it is closed on a full disk
+        np.savez_compressed(stream, **arrays)
+        write_bytes(self.path(clip), stream.getvalue())
+
+    def read(self, clip: str) -> Kept:
+        """Return a clip or prediction; raise BadData for a missing file or other arrays."""
+        path = self.path(clip)
+        if not path.exists():
+            raise BadData(
+                f"{path} does not exist: only the predictions of a few clips are kept, see --keep"
+            )
+        arrays = files.read_npz(path)
+        try:
+            value: Kept = _built(self.kind, arrays)
+        except (TypeError, ValueError, AttributeError, KeyError, BadData) as problem:
+            kind = self.kind.__name__
+            raise BadData(f"{path} holds another {kind} ({problem}): remove it") from problem
+        return value
 
 
 def is_whole(path: Path) -> bool:

@@ -11,8 +11,8 @@ import json
 import time
 import traceback
 import uuid
-from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,9 +20,10 @@ from typing import Annotated, Any, NamedTuple, Self
 
 import duckdb
 import numpy as np
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from geovp_benchmarks.results.scores import Scores
+from geovp_benchmarks.results.validation import adapter
 from geovp_classic.errors import BadData, Incompatible, MissingExtra
 from geovp_classic.types import FloatArray
 
@@ -44,7 +45,7 @@ class Failure(NamedTuple):
         return cls("failed", reason.strip().partition("\n")[0], trace)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ScoreRecord:
     """How some clips of a method were scored; a score file holds one or more of them."""
 
@@ -55,12 +56,18 @@ class ScoreRecord:
     seconds: dict[str, float] = field(default_factory=dict)  # per stage, summed over the clips
     peak_memory_mb: float = 0.0  # the highest during their prediction; 0 where unknown
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
-    failures: dict[str, Failure] = field(default_factory=dict)
+    failures: dict[str, Failure] = field(default_factory=dict)  # by clip
     written_ns: int = 0  # the newest scores of a clip count
+    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # by clip, of itself
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
+    @cached_property
+    def settings(self) -> str:
+        """Return what clips that were scored alike have in common."""
+        return json.dumps([self.fingerprint, self.metrics, self.code], sort_keys=True)
 
-RECORDS = TypeAdapter(list[ScoreRecord])
+
+Newest = Mapping[str, ScoreRecord]  # the newest record of each clip
 
 
 class ScoreFiles:
@@ -74,32 +81,30 @@ class ScoreFiles:
         return duckdb.connect()
 
     @cached_property
-    def _is_sound(self) -> dict[Path, bool]:
-        """Return whether each file has the hash in its name."""
+    def _paths(self) -> list[Path]:
         patterns = ("scores/part-*.parquet", "*/scores/part-*.parquet")
-        paths = [path for pattern in patterns for path in sorted(self.root.glob(pattern))]
-        return {path: path.stem == f"part-{_digest(path)}" for path in paths}
+        return [path for pattern in patterns for path in sorted(self.root.glob(pattern))]
 
-    @property
+    @cached_property
     def damaged(self) -> list[Path]:
-        """Return the files that are not as they were written."""
-        return [path for path, is_sound in self._is_sound.items() if not is_sound]
+        """Return the files that do not have the hash in their name."""
+        return [path for path in self._paths if path.stem != f"part-{_digest(path)}"]
 
     @cached_property
     def records(self) -> dict[str, list[ScoreRecord]]:
         """Return the records of all other files by method."""
         by_method: dict[str, list[ScoreRecord]] = {}
-        paths = [path for path, is_sound in self._is_sound.items() if is_sound]
-        for name, text in self._metadata(paths):
-            for record in RECORDS.validate_json(text):
+        paths = [str(path) for path in self._paths if path not in self.damaged]
+        query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = 'geovp'"
+        stored = self._database.execute(query, {"paths": paths}).fetchall() if paths else []
+        for name, text in stored:
+            for record in adapter(list[ScoreRecord]).validate_json(text):
                 of_method = by_method.setdefault(record.method, [])
                 of_method.append(replace(record, path=Path(name)))
         return by_method
 
-    def scores(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> dict[str, Scores]:
+    def scores(self, records: Mapping[str, Newest], clips: Sequence[str]) -> dict[str, Scores]:
         """Return all scores of these clips by method."""
-        if not records:
-            return {}
         self._select(records, clips)
         self._database.execute(  # all scores in one array: where those of a method and metric end
             "CREATE OR REPLACE TABLE extents AS WITH sizes AS ("
@@ -122,28 +127,17 @@ class ScoreFiles:
             by_method.setdefault(method, {})[metric] = shaped
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
-    def facts(self, records: Iterable[ScoreRecord]) -> dict[str, dict[str, float]]:
-        """Return the facts of all clips in the files of some records; see Scores."""
-        facts: dict[str, dict[str, float]] = {}
-        for _, text in self._metadata({record.path for record in records}):
-            for record in json.loads(text):
-                facts |= record.get("facts", {})
-        return facts
-
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
-        kinds = {"clip": object, "sample": int, "step": int, "metric": object, "value": float}
-        table = np.array(rows, list(kinds.items()))
-        self._database.register("scores", {name: table[name].copy() for name in kinds})
+        self._register(rows, clip=object, sample=int, step=int, metric=object, value=float)
         query = (
             f"SELECT '{_quoted(method)}' AS method, clip::VARCHAR AS clip, "
             "sample::INTEGER AS sample, step::INTEGER AS step, metric::VARCHAR AS metric, "
-            "if(isnan(value), NULL, value) AS value FROM scores"
+            "if(isnan(value), NULL, value) AS value FROM rows"
         )
         now = time.time_ns()
-        facts = {clip: numbers for scores, _ in scored for clip, numbers in scores.facts.items()}
-        self._copy(query, method, [replace(record, written_ns=now) for _, record in scored], facts)
+        self._copy(query, method, newest(replace(record, written_ns=now) for _, record in scored))
 
     def merge(self, method: str, fingerprint: str) -> None:
         """Merge the score files of one fingerprint in the folder of a method."""
@@ -156,58 +150,49 @@ class ScoreFiles:
         paths = {record.path for record in records}
         if len(paths) < 2:
             return
-        latest = newest(records, {clip for record in records for clip in record.clips})
-        self._select(latest, [clip for record in latest for clip in record.clips])
+        latest = newest(records)
+        self._select({method: latest}, [*latest])
         query = (
             "SELECT method, clip, sample, step, metric, value FROM selected "
             "ORDER BY number, metric, sample, step"
         )
-        merged = self._copy(query, method, latest, self.facts(latest))
+        merged = self._copy(query, method, latest)
         for path in paths - {merged}:
             path.unlink(missing_ok=True)
 
-    def _metadata(self, paths: Collection[Path]) -> list[tuple[str, str]]:
-        """Return the names and the records of files, as they are stored."""
-        query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = 'geovp'"
-        values = {"paths": [*map(str, paths)]}
-        return self._database.execute(query, values).fetchall() if paths else []
+    def _register(self, rows: Sequence[tuple[Any, ...]], **kinds: type) -> None:
+        """Define the view `rows` with columns of these kinds; text is an object."""
+        table = np.array(rows, list(kinds.items()))
+        self._database.register("rows", {name: table[name].copy() for name in kinds})
 
-    def _select(self, records: Sequence[ScoreRecord], clips: Sequence[str]) -> None:
+    def _select(self, records: Mapping[str, Newest], clips: Sequence[str]) -> None:
         """Define the view `selected` of the rows of some clips, with their `number`."""
         numbers = {clip: number for number, clip in enumerate(clips)}
-        names = [clip for record in records for clip in record.clips]
-        counts = [len(record.clips) for record in records]
-        columns: dict[str, Any] = {
-            "filename": np.array([str(record.path) for record in records], object).repeat(counts),
-            "method": np.array([record.method for record in records], object).repeat(counts),
-            "clip": np.array(names, object),
-            "number": np.array([numbers[clip] for clip in names]),
-        }
-        self._database.register("entries", columns)
-        paths = {str(record.path) for record in records}
+        rows = [
+            (str(record.path), method, clip, numbers[clip])
+            for method, of_method in records.items()
+            for clip, record in of_method.items()
+        ]
+        self._register(rows, filename=object, method=object, clip=object, number=int)
+        paths = {path for path, *_ in rows}
         self._database.read_parquet([*paths], filename=True).create_view("files")
         self._database.execute(
             "CREATE OR REPLACE TABLE wanted AS SELECT filename::VARCHAR AS filename, "
             "method::VARCHAR AS method, clip::VARCHAR AS clip, number::INTEGER AS number "
-            "FROM entries; CREATE OR REPLACE VIEW selected AS FROM files JOIN wanted "
+            "FROM rows; CREATE OR REPLACE VIEW selected AS FROM files JOIN wanted "
             "USING (filename, method, clip)"
         )
 
-    def _copy(
-        self, query: str, method: str, records: Iterable[ScoreRecord], facts: Mapping[str, Any]
-    ) -> Path:
-        """Write the rows of a query into a new score file with its records as metadata."""
-        stored = RECORDS.dump_python(_joined(records))
-        for record in stored:
-            record["facts"] = {clip: facts[clip] for clip in record["clips"] if clip in facts}
-        about = json.dumps(stored)
+    def _copy(self, query: str, method: str, latest: Newest) -> Path:
+        """Write the rows of a query into a new score file with the records as metadata."""
+        records = adapter(list[ScoreRecord]).dump_python(_joined(latest))
         folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{uuid.uuid4()}.part"
         try:
             self._database.execute(
-                f"COPY ({query}) TO '{_quoted(scratch)}' "
-                f"(FORMAT parquet, USE_TMP_FILE false, KV_METADATA {{geovp: '{_quoted(about)}'}})"
+                f"COPY ({query}) TO '{_quoted(scratch)}' (FORMAT parquet, USE_TMP_FILE false, "
+                f"KV_METADATA {{geovp: '{_quoted(json.dumps(records))}'}})"
             )
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)
@@ -218,46 +203,46 @@ class ScoreFiles:
         return path
 
 
-def newest(records: Sequence[ScoreRecord], clips: Collection[str]) -> list[ScoreRecord]:
-    """Return the newest records of some clips, with their fraction of the times."""
+def newest(records: Iterable[ScoreRecord]) -> dict[str, ScoreRecord]:
+    """Return the newest record of each clip."""
     latest: dict[str, ScoreRecord] = {}
     for record in sorted(records, key=lambda record: record.written_ns):
         latest |= dict.fromkeys(record.clips, record)
-    wanted, selected = set(clips), []
-    for record in records:
-        names = [clip for clip in record.clips if latest[clip] is record and clip in wanted]
-        if names:
-            ratio = len(names) / len(record.clips)
-            times_s = {stage: ratio * time_s for stage, time_s in record.seconds.items()}
-            failures = {clip: record.failures[clip] for clip in names if clip in record.failures}
-            selected.append(replace(record, clips=names, seconds=times_s, failures=failures))
-    return selected
+    return latest
 
 
-def _joined(records: Iterable[ScoreRecord]) -> list[ScoreRecord]:
+def _joined(latest: Newest) -> list[ScoreRecord]:
     """Return one record for all clips that were scored alike."""
-    groups: dict[str, list[ScoreRecord]] = {}
-    for record in records:
-        alike = json.dumps([record.fingerprint, record.metrics, record.code], sort_keys=True)
-        groups.setdefault(alike, []).append(record)
-    joined = []
-    for group in groups.values():
-        joined.append(
-            replace(
-                group[0],
-                clips=sorted(clip for record in group for clip in record.clips),
-                seconds=seconds(group),
-                peak_memory_mb=max(record.peak_memory_mb for record in group),
-                failures={clip: why for record in group for clip, why in record.failures.items()},
-                written_ns=max(record.written_ns for record in group),
-            )
+    groups: dict[str, dict[str, ScoreRecord]] = {}
+    for clip, record in latest.items():
+        groups.setdefault(record.settings, {})[clip] = record
+    return [
+        replace(
+            next(iter(group.values())),
+            clips=sorted(group),
+            seconds=seconds(group.values()),
+            peak_memory_mb=max(record.peak_memory_mb for record in group.values()),
+            failures={
+                clip: record.failures[clip]
+                for clip, record in group.items()
+                if clip in record.failures
+            },
+            written_ns=max(record.written_ns for record in group.values()),
+            facts={
+                clip: record.facts[clip] for clip, record in group.items() if clip in record.facts
+            },
         )
-    return joined
+        for group in groups.values()
+    ]
 
 
 def seconds(records: Iterable[ScoreRecord]) -> dict[str, float]:
-    """Return the sum of the seconds of records, by stage."""
-    return dict(sum((Counter(record.seconds) for record in records), Counter()))
+    """Return the sum of the seconds of clips by stage, from the record of each."""
+    total_s: defaultdict[str, float] = defaultdict(float)
+    for record, num_clips in Counter(records).items():
+        for stage, time_s in record.seconds.items():
+            total_s[stage] += time_s * num_clips / len(record.clips)
+    return dict(total_s)
 
 
 def _digest(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,6 @@ class Scores:
 
     clips: Sequence[str]
     values: Mapping[str, FloatArray]  # by metric, [N, S, F]; NaN: not defined, or not stored
-    # numbers of each clip, independent of predictions; empty in scores that were read
-    facts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def means(self, num_steps: int | None = None) -> dict[str, FloatArray]:
         """Return means over all or the first steps [N, S] by metric."""

@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import quote, unquote
 
 import duckdb
 
 from geovp_benchmarks.results import kept_files, records
+from geovp_benchmarks.results.kept_files import KeptFiles
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest, seconds
+from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
@@ -95,8 +95,7 @@ class Results:
 
     def methods(self) -> list[Method]:
         """Return the selected methods; of all that have been begun, in the matrix file's order."""
-        begun = map(self.method, self.protocol()["methods"])
-        methods = {method.label: method for method in begun if method is not None}
+        methods = {method.label: method for method in self._methods().values()}
         for label in self.selected:
             if label not in methods:
                 raise BadData(f"no method is called {label!r}{nearest(label, methods)}")
@@ -106,29 +105,30 @@ class Results:
         """Return the results of the methods with these labels; of all methods without labels."""
         return replace(self, selected=labels)
 
-    @_remembered
-    def _method(self, name: str) -> Method | None:
-        path = self.root / name / "method.json"
-        return records.read(path, Method, name=name) if path.exists() else None
+    def method(self, name: str) -> Method:
+        """Return a method that has been begun by the name of its folder."""
+        return self._methods()[name]
 
     @_remembered
-    def method(self, name: str) -> Method | None:
-        """Return a method with the sums over its scores; None if it has not been begun."""
-        method = self._method(name)
-        if method is None:
-            return None
-        scored = self.score_records(name)
-        num_clips = sum(len(record.clips) for record in scored)
-        sums: dict[str, Any] = {
-            "num_clips": num_clips,
-            "num_failed": sum(len(record.failures) for record in scored),
-            "num_outdated": sum(len(each.clips) for each in scored if each.code != method.code),
-            "seconds": {stage: round(time_s, 3) for stage, time_s in seconds(scored).items()},
-            "peak_memory_mb": max((record.peak_memory_mb for record in scored), default=0.0),
-        }
-        if method.status == "done" and num_clips < len(self.protocol()["clips"]):
-            sums["status"] = "partial"
-        return method.model_copy(update=sums)
+    def _methods(self) -> dict[str, Method]:
+        """Return all methods that have been begun by name."""
+        protocol, methods = self.protocol(), {}
+        for name in protocol["methods"]:
+            path = self.root / name / "method.json"
+            if path.exists():
+                method: Method = records.read(path, Method, name=name)
+                scored = self.scored(name, method.fingerprint)
+                is_partial = method.status == "done" and len(scored) < len(protocol["clips"])
+                status = "partial" if is_partial else method.status
+                methods[name] = method.model_copy(update={"scored": scored, "status": status})
+        return methods
+
+    @_remembered
+    def scored(self, method: str, fingerprint: str) -> dict[str, ScoreRecord]:
+        """Return how the protocol's clips were scored, in order, without damaged files."""
+        of_method = self._score_files.records.get(method, ())
+        latest = newest(each for each in of_method if each.fingerprint == fingerprint)
+        return {clip: latest[clip] for clip in self.protocol()["clips"] if clip in latest}
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
@@ -141,58 +141,32 @@ class Results:
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
         """Return the scores of all methods; one query reads methods that share their files."""
-        groups: dict[frozenset[Path], list[ScoreRecord]] = {}
-        for name in self.protocol()["methods"]:
-            records = self.score_records(name)
-            paths = frozenset(record.path for record in records)
-            groups.setdefault(paths, []).extend(records)
+        groups: dict[frozenset[Path], dict[str, dict[str, ScoreRecord]]] = {}
+        for name, method in self._methods().items():
+            paths = frozenset(record.path for record in method.scored.values())
+            groups.setdefault(paths, {})[name] = method.scored
         scores: dict[str, Scores] = {}
-        for records in groups.values():
-            scores |= self._score_files.scores(records, self.protocol()["clips"])
+        for paths, group in groups.items():
+            if paths:
+                scores |= self._score_files.scores(group, self.protocol()["clips"])
         return scores
 
-    def failures(self, method: str) -> dict[str, str]:
-        """Return why clips could not be predicted; they are scored as copies of the last frame."""
-        return {
-            clip: failure.reason
-            for record in self.score_records(method)
-            for clip, failure in record.failures.items()
-        }
-
-    @_remembered
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """Return numbers that are known of the clips themselves, by clip and name."""
-        protocol = self.protocol()
-        scored = [each for name in protocol["methods"] for each in self.score_records(name)]
-        facts = self._score_files.facts(scored)
-        return {clip: facts[clip] for clip in protocol["clips"] if clip in facts}
+        return {
+            clip: record.facts[clip]
+            for method in self._methods().values()
+            for clip, record in method.scored.items()
+            if clip in record.facts
+        }
 
-    def predictions(self, method: str, fingerprint: str = "") -> list[str]:
-        """Return the names of the clips whose predictions by a method are kept."""
-        return _names(self._prediction(method, "*", fingerprint))
+    def predictions(self, method: Method) -> KeptFiles[Prediction]:
+        """Return the kept predictions of a method."""
+        return KeptFiles(self.root / method.name / "predictions", method.fingerprint, Prediction)
 
-    def prediction(self, method: str, clip: str) -> Prediction:
-        """Return a kept prediction."""
-        return kept_files.read(self._prediction(method, clip), Prediction)
-
-    def clips(self, fingerprint: str = "") -> list[str]:
-        """Return the names of the kept clips."""
-        return _names(self._clip("*", fingerprint))
-
-    def clip(self, name: str) -> Clip:
-        """Return a kept clip, past and future, without full and right frames."""
-        return kept_files.read(self._clip(name), Clip)
-
-    @_remembered
-    def score_records(self, method: str, fingerprint: str = "") -> list[ScoreRecord]:
-        """Return how the protocol's clips were scored, without damaged files.
-
-        Those of the method as it is now, or of another fingerprint.
-        """
-        fingerprint = fingerprint or self._fingerprint(method)
-        records = self._score_files.records.get(method, ())
-        fitting = [record for record in records if record.fingerprint == fingerprint]
-        return newest(fitting, self.protocol()["clips"] if self.begun else ())
+    def clips(self, fingerprint: str = "") -> KeptFiles[Clip]:
+        """Return the kept clips, past and future, of the protocol or of another fingerprint."""
+        return KeptFiles(self.root / "clips", fingerprint or self.protocol()["fingerprint"], Clip)
 
     @_remembered
     def damaged_files(self) -> list[Path]:
@@ -205,22 +179,6 @@ class Results:
     def _score_files(self) -> ScoreFiles:
         files: ScoreFiles = self.memory.setdefault(self.root, ScoreFiles(self.root))
         return files
-
-    def _fingerprint(self, method: str) -> str:
-        """Return the fingerprint of a method as it is now."""
-        stored = self._method(method)
-        return stored.fingerprint if stored else ""
-
-    def _prediction(self, method: str, clip: str, fingerprint: str = "") -> Path:
-        """Return the file of a prediction of the method as it is now or of a fingerprint."""
-        file = f"{quoted(clip)}.{(fingerprint or self._fingerprint(method))[:8]}.npz"
-        return self.root / method / "predictions" / file
-
-    def _clip(self, name: str, fingerprint: str = "") -> Path:
-        """Return the file of a clip of the protocol as it is now or of a fingerprint."""
-        if not fingerprint and self.begun:
-            fingerprint = str(self.protocol().get("fingerprint", ""))
-        return self.root / "clips" / f"{quoted(name)}.{fingerprint[:8]}.npz"
 
     @property
     def tables(self) -> Path:
@@ -244,9 +202,8 @@ class Results:
         self._write("protocol.json", protocol)
 
     def write_method(self, method: Method) -> None:
-        """Write the method.json of a method, without the sums over its scores."""
-        sums = {"num_clips", "num_failed", "num_outdated", "seconds", "peak_memory_mb"}
-        self._write(f"{method.name}/method.json", method.model_dump(exclude={"name", *sums}))
+        """Write the method.json of a method."""
+        self._write(f"{method.name}/method.json", method.model_dump(exclude={"name"}))
 
     def _write(self, file: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, and forget what was read."""
@@ -262,37 +219,17 @@ class Results:
             self._score_files.write(method, of_method)
         self.memory.clear()
 
-    def merge(self, *methods: str) -> None:
+    def merge(self, methods: Iterable[Method]) -> None:
         """Merge the score files of each method into one; those of other settings stay."""
         for method in methods:
-            self._score_files.merge(method, self._fingerprint(method))
+            self._score_files.merge(method.name, method.fingerprint)
         self.memory.clear()
 
-    def write_prediction(self, method: str, clip: str, prediction: Prediction) -> None:
-        """Keep a prediction."""
-        kept_files.write(self._prediction(method, clip), prediction)
-
-    def write_clip(self, clip: Clip) -> None:
-        """Keep a clip, so that images and new scores need no data set."""
-        kept_files.write(self._clip(clip.name), clip)
-
-    def discard(self, method: str) -> None:
-        """Remove scores and predictions of a method as it is now; those of other settings stay."""
-        folder = self._prediction(method, "*")
-        paths = {record.path for record in self.score_records(method)}
-        for path in paths.union(folder.parent.glob(folder.name)):
+    def discard(self, method: Method) -> None:
+        """Remove scores and predictions of a method; those of other settings stay."""
+        predictions = self.predictions(method)
+        paths = {record.path for record in self.scored(method.name, method.fingerprint).values()}
+        for path in paths.union(map(predictions.path, predictions.names)):
             if path.parent != self.root / "scores":  # of several methods
                 path.unlink(missing_ok=True)
         self.memory.clear()
-
-
-def quoted(clip: str) -> str:
-    """Return the part of a file name from which the name of a clip can be recovered; * stays."""
-    return quote(clip, safe="+@=, *")
-
-
-def _names(pattern: Path) -> list[str]:
-    """Return the names of the clips whose files match a pattern such as "*.npz"."""
-    end = pattern.name.removeprefix("*")
-    files = sorted(path.name for path in pattern.parent.glob(pattern.name))
-    return [unquote(name.removesuffix(end)) for name in files if not name.startswith(".")]

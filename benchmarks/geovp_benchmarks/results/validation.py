@@ -9,7 +9,7 @@ from geovp_classic.errors import BadData, UnknownComponent, nearest
 
 
 @functools.cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def adapter(kind: Any) -> TypeAdapter[Any]:
     """Return the validator of a type, which takes milliseconds to build."""
     return TypeAdapter(kind)
 
@@ -17,7 +17,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 def validated(kind: Any, value: object, where: str = "") -> Any:
     """Return a value as a type; raise BadData, or UnknownComponent for an unknown key."""
     try:
-        return _adapter(kind).validate_python(value)
+        return adapter(kind).validate_python(value)
     except ValidationError as error:
         problems = error.errors()
     unknown = [problem for problem in problems if problem["type"] == "extra_forbidden"]

@@ -15,18 +15,17 @@ def dry_run(matrix: Matrix, results: Results, options: Options, workers: int) ->
     plan = Plan(matrix, results, options)
     lines = [["method", "to do", "stored", "s per clip"]]
     num_missing, total_s = 0, 0.0
-    for method, record in plan.records.items():
+    for method in plan.methods:
         clips = plan.missing(method)
         num_missing += len(clips)
-        scored = results.score_records(method.name, record.fingerprint)
-        note = record.reason or "unknown"
+        scored = results.scored(method.name, method.fingerprint)
+        note = method.reason or "unknown"
         if scored:
-            time_s = sum(seconds(scored).values())
-            per_clip_s = time_s / sum(len(each.clips) for each in scored)
+            per_clip_s = sum(seconds(scored.values()).values()) / len(scored)
             note = f"{per_clip_s:.2f}"
             total_s += len(clips) * per_clip_s
         lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
-    num_stored = len(plan.records) * len(plan.clips) - num_missing
+    num_stored = len(plan.methods) * len(plan.clips) - num_missing
     return [
         *grid(lines),
         f"predictions: {num_missing} to do, {num_stored} stored",

@@ -81,16 +81,16 @@ class Plan:
             "dataset_name": built.dataset.name,
             "split_hash": split_hash,
             "metrics": built.metrics.about,
-            "methods": self._methods(fingerprint),
+            "methods": self._names(fingerprint),
             "clips": list(self.clips),
             "fingerprint": fingerprint,
             "versions": versions(),
         }
         return {**protocol, "id": protocol_id(protocol)}
 
-    def _methods(self, fingerprint: str) -> list[str]:
+    def _names(self, fingerprint: str) -> list[str]:
         """Return the names of the methods, with those of earlier runs with other --methods."""
-        names = {method.name for method in self.built.methods}
+        names = set(self.built.methods)
         if self.results.begun:
             stored = self.results.protocol()
             if stored.get("fingerprint") == fingerprint:
@@ -99,68 +99,54 @@ class Plan:
         return [method.name for method in every_method if method.name in names]
 
     @cached_property
-    def records(self) -> dict[MethodPlan, Method]:
-        """Return the record of each method before the first clip."""
-        return {method: self._record(method) for method in self.built.methods}
+    def methods(self) -> list[Method]:
+        """Return the records of the methods before the first clip."""
+        return [self._record(method) for method in self.matrix.methods]
 
     def _record(self, plan: MethodPlan) -> Method:
         """Return the record of a method; without a fingerprint if it cannot be built here."""
-        components, specs = self.built.methods[plan], self.matrix.specs
+        components, specs = self.built.methods[plan.name], self.matrix.specs
+        fingerprint = self.protocol["fingerprint"]
         asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
-        asked |= {"num_samples": plan.num_samples, "protocol": self.protocol["fingerprint"]}
-        record = Method(
-            name=plan.name,
-            label=plan.label,
-            kind=plan.kind,
-            num_samples=plan.num_samples,
-            pose_source=plan.pose_source,
-            renderer=plan.renderer,
-            asked=asked,
-        )
+        asked |= {"num_samples": plan.num_samples, "protocol": fingerprint}
+        record = Method.model_validate(plan, from_attributes=True)
+        record = record.model_copy(update={"asked": asked, "components": {}})
         for component in components.values():
             if isinstance(component, Failure):
                 return record.model_copy(update=component._asdict())
         described = {role: registry.describe(each) for role, each in components.items()}
         needs = needs_of(components.values())
-        hashed = [self.protocol["fingerprint"], described, plan.num_samples]
         resolved = {
             "components": described,
             "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
-            "fingerprint": content_hash(hashed),
+            "fingerprint": content_hash([fingerprint, described, plan.num_samples]),
             "about": weights_of(components.values()),
             "code": code_hash(components.values()),
         }
         return record.model_copy(update=resolved)
 
-    def missing(self, method: MethodPlan) -> Set[str]:
+    def missing(self, method: Method) -> Set[str]:
         """Return the clips that failed, or that lack scores or a prediction to be kept."""
-        record = self.records[method]
-        if not record.fingerprint:
+        if not method.fingerprint:
             return set()
-        name, fingerprint = method.name, record.fingerprint
-        predicted = set(self.results.clips(self.protocol["fingerprint"]))
-        predicted &= set(self.results.predictions(name, fingerprint))
+        predicted = set(self.results.clips(self.protocol["fingerprint"]).names)
+        predicted &= set(self.results.predictions(method).names)
         missing = set(self.clips)
-        for scored in self.results.score_records(name, fingerprint):
-            has_metrics = self.built.metrics.described.items() <= scored.metrics.items()
-            if has_metrics and (scored.code == record.code or not self.options.fresh):
-                missing.difference_update(scored.clips)
-                for clip, failure in scored.failures.items():
-                    if failure.status == "failed":
-                        missing.add(clip)
+        for clip, record in self.results.scored(method.name, method.fingerprint).items():
+            has_failed = clip in record.failures and record.failures[clip].status == "failed"
+            has_metrics = self.built.metrics.described.items() <= record.metrics.items()
+            is_current = record.code == method.code or not self.options.fresh
+            if has_metrics and is_current and not has_failed:
+                missing.discard(clip)
         return missing | (self.keep - predicted)
 
-    def tasks(self, missing: Mapping[MethodPlan, Set[str]]) -> Iterator[Task]:
-        """Yield a task for each clip that some methods lack."""
+    def tasks(self, missing: Mapping[str, Set[str]]) -> Iterator[Task]:
+        """Yield a task for each clip that some methods lack, by their names."""
         matrix, root = self.matrix.model_dump_json(), self.results.root
         for index, clip in enumerate(self.clips):
-            fingerprints = {
-                method: self.records[method].fingerprint
-                for method, lacking in missing.items()
-                if clip in lacking
-            }
-            if fingerprints:
-                yield Task(matrix, root, index, clip, fingerprints, clip in self.keep)
+            methods = [method for method in self.methods if clip in missing[method.name]]
+            if methods:
+                yield Task(matrix, root, index, clip, methods, clip in self.keep)
 
 
 def select(keep: str, clips: Sequence[str]) -> set[str]:

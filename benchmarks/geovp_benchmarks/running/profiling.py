@@ -15,7 +15,8 @@ Result = TypeVar("Result")
 class Usage:
     """Time and memory that work took; its stages follow one another."""
 
-    def __init__(self) -> None:
+    def __init__(self, steps: dict[Hashable, Any]) -> None:
+        self.steps = steps  # results and costs of steps that several methods have in common
         self.seconds: defaultdict[str, float] = defaultdict(float)  # by stage
         self.peak_mb = 0.0  # MiB of the whole process, 0 if unknown
 
@@ -31,16 +32,13 @@ class Usage:
             if is_reset:
                 self.peak_mb = max(self.peak_mb, peak_mb())
 
-    def shared(
-        self, results: dict[Hashable, Any], stage: str, key: Hashable, step: Callable[[], Result]
-    ) -> Result:
+    def shared(self, stage: str, key: Hashable, step: Callable[[], Result]) -> Result:
         """Return the result of a step, computed once per stage and key; charge its full cost."""
-        if (stage, key) not in results:
-            cost = Usage()
+        if (stage, key) not in self.steps:
+            cost = Usage({})
             with cost.measure(stage):
-                result = step()
-            results[stage, key] = result, cost
-        result, cost = results[stage, key]
+                self.steps[stage, key] = step(), cost
+        result, cost = self.steps[stage, key]
         self.seconds[stage] += cost.seconds[stage]
         self.peak_mb = max(self.peak_mb, cost.peak_mb)
         return result

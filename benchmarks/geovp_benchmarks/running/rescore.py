@@ -25,7 +25,7 @@ def stored_metrics(results: Results) -> Metrics:
 def rescore(results: Results, output: Results, metrics: Metrics) -> list[Method]:
     """Write a results folder of the kept clips alone; raise BadData if there are none."""
     protocol = results.protocol()
-    stored = set(results.clips())
+    stored = set(results.clips().names)
     clips = [clip for clip in protocol["clips"] if clip in stored]
     if not clips:
         raise BadData(
@@ -52,19 +52,23 @@ def _rescored(
     results: Results, output: Results, method: Method, metrics: Metrics
 ) -> Iterator[Scored]:
     """Copy the kept predictions of a method; yield their scores."""
-    name, protocol = method.name, output.protocol()
-    failures = {
-        clip: why for record in results.score_records(name) for clip, why in record.failures.items()
-    }
-    for clip_name in sorted(set(protocol["clips"]).intersection(results.predictions(name))):
-        clip = ScoredClip(results.clip(clip_name), protocol["num_past"])
-        prediction = results.prediction(name, clip_name)
-        output.write_clip(clip.clip)
-        output.write_prediction(name, clip_name, prediction)
-        usage = Usage()
+    protocol, predictions = output.protocol(), results.predictions(method)
+    for name in sorted(set(protocol["clips"]).intersection(predictions.names)):
+        clip = ScoredClip(results.clips().read(name), protocol["num_past"])
+        prediction = predictions.read(name)
+        output.clips().write(name, clip.clip)
+        output.predictions(method).write(name, prediction)
+        usage = Usage({})
         with usage.measure("metrics"):
             scores = score(clip, prediction, metrics)
-        record = ScoreRecord(name, [clip_name], method.fingerprint, seconds=dict(usage.seconds))
-        if clip_name in failures:
-            record.failures[clip_name] = failures[clip_name]
-        yield scores, record
+        yield (
+            scores,
+            ScoreRecord(
+                method.name,
+                [name],
+                method.fingerprint,
+                seconds=usage.seconds,
+                failures=method.failures,
+                facts={name: clip.facts},
+            ),
+        )

@@ -53,7 +53,7 @@ def results_lock(root: Path) -> Iterator[None]:
 def compute_missing(plan: Plan, executor: Executor, interval_s: float = 2.0) -> None:
     """Predict and score the clips that methods lack; write scores at intervals and at the end."""
     begin(plan)
-    missing = {method: plan.missing(method) for method in plan.records}
+    missing = {method.name: plan.missing(method) for method in plan.methods}
     num_missing = sum(len(clips) for clips in missing.values())
     num_done = 0
     report(num_done, num_missing)
@@ -87,11 +87,11 @@ def begin(plan: Plan) -> None:
     results = plan.results
     results.write_protocol(plan.protocol)
     stored = {method.name: method for method in results.methods()}
-    for record in plan.records.values():
-        before = stored.get(record.name)
-        is_same = before is not None and before.num_clips and before.asked == record.asked
-        if record.fingerprint or not is_same:  # else another machine could build and run it
-            results.write_method(record)
+    for method in plan.methods:
+        before = stored.get(method.name)
+        is_same = before is not None and before.num_clips and before.asked == method.asked
+        if method.fingerprint or not is_same:  # else another machine could build and run it
+            results.write_method(method)
     for path in results.damaged_files():
         aside = path.rename(path.with_name(f"{path.name}.damaged"))
         logger.warning("%s was damaged: it is set aside as %s and computed again", path, aside.name)
@@ -101,18 +101,17 @@ def finish(plan: Plan, batch: Iterable[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
     results.write_scores(batch)
-    methods = [method for method in plan.records.values() if method.fingerprint]
-    results.merge(*(method.name for method in methods))
-    records = {method.name: results.score_records(method.name) for method in methods}
+    methods = [method for method in plan.methods if method.fingerprint]
+    results.merge(methods)
+    stored = {method.name: method for method in results.methods()}
     for method in methods:
-        scored = records[method.name]
-        failures = [failure for each in scored for failure in each.failures.values()]
-        if not failures:
+        scored = stored[method.name]
+        if not scored.failures:
             continue
-        first = failures[0]
+        first = next(iter(scored.failures.values()))
         logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
         outcome = {"traceback": first.traceback}
-        if len(failures) == sum(len(each.clips) for each in scored):  # nothing was predicted
+        if len(scored.failures) == scored.num_clips:  # nothing was predicted
             outcome = first._asdict()
-            results.discard(method.name)  # so that the next run tries again
+            results.discard(method)  # so that the next run tries again
         results.write_method(method.model_copy(update=outcome))

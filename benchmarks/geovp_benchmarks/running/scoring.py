@@ -115,7 +115,7 @@ class ScoredClip:
         return strata(*self.truth)
 
     @cached_property
-    def facts(self) -> Mapping[str, float]:
+    def facts(self) -> dict[str, float]:
         """Return attributes of the clip: of its path, and fractions of the future pixels."""
         fractions = {name: float(mask.mean()) for name, mask in self.pixel_sets.items()}
         return clip_facts(*self.truth) | fractions
@@ -160,8 +160,7 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
         for name, values in _values(clip, prediction, sample, metrics):
             samples.setdefault(name, []).append(values)
     stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
-    name = clip.clip.name
-    return Scores([name], stacked, {name: clip.facts})
+    return Scores([clip.clip.name], stacked)
 
 
 def _values(

@@ -2,17 +2,17 @@
 
 import functools
 import operator
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.matrix.components import build, code_hash, on_device
-from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.score_files import Failure
-from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
+from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
@@ -30,7 +30,7 @@ class BuiltMatrix:
 
     matrix: Matrix
     dataset: Dataset
-    methods: Mapping[MethodPlan, dict[str, Any]]  # their components by role
+    methods: Mapping[str, dict[str, Any]]  # components by role, by the name of the method
     metrics: Metrics
 
     @property
@@ -63,7 +63,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     buildable = [each for each in components.values() if not isinstance(each, Failure)]
     dataset = matrix.build_dataset(needs_of(buildable))
     methods = {
-        method: {role: components[key] for role, key in method.components.items()}
+        method.name: {role: components[key] for role, key in method.components.items()}
         for method in matrix.methods
     }
     return BuiltMatrix(matrix, dataset, methods, metrics)
@@ -83,7 +83,7 @@ class Task:
     root: Path  # of the results
     index: int  # in the data set
     clip: str
-    fingerprints: Mapping[MethodPlan, str]
+    methods: Sequence[Method]
     is_kept: bool = False  # whether the clip and its predictions are stored
 
 
@@ -95,17 +95,20 @@ def score_clip(task: Task) -> list[Scored]:
     built, results = build_matrix(task.matrix), Results(task.root)
     clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
     if task.is_kept:
-        results.write_clip(clip.clip)
-    shared: dict[Hashable, Any] = {}  # steps that several methods have in common
+        results.clips().write(task.clip, clip.clip)
+    steps: dict[Hashable, Any] = {}  # that several methods have in common
     scored = []
-    for method, fingerprint in task.fingerprints.items():
+    for method in task.methods:
         announce(f"{task.clip}, {method.label}")
-        components = built.methods[method]
+        components = built.methods[method.name]
         context, _ = clip.clip.split(clip.num_past, needs_of(components.values()))
-        usage, scoring = Usage(), Usage()  # the peak of scoring is the same for all methods
+        usage, scoring = (
+            Usage(steps),
+            Usage(steps),
+        )  # the peak of scoring is the same for all methods
         failures = {}
         try:
-            prediction = _predict(components, method, context, clip, shared, usage)
+            prediction = _predict(components, method, context, clip, usage)
             with scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
@@ -114,16 +117,17 @@ def score_clip(task: Task) -> list[Scored]:
             with suppress(Exception), scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
-            results.write_prediction(method.name, task.clip, prediction)
+            results.predictions(method).write(task.clip, prediction)
         record = ScoreRecord(
             method=method.name,
             clips=[task.clip],
-            fingerprint=fingerprint,
+            fingerprint=method.fingerprint,
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
             code=code_hash(components.values()),
             failures=failures,
+            facts={task.clip: clip.facts} if scores.values else {},
         )
         scored.append((scores, record))
         announce(f"{task.clip}, {method.label}", done=1)
@@ -132,27 +136,24 @@ def score_clip(task: Task) -> list[Scored]:
 
 def _predict(
     components: Mapping[str, Any],
-    method: MethodPlan,
+    method: Method,
     context: Context,
     clip: ScoredClip,
-    shared: dict[Hashable, Any],
     usage: Usage,
 ) -> Prediction:
     """Return the prediction of a method, from steps that other methods may have computed."""
     num_samples = method.num_samples
-    if method.predictor is not None:
+    if method.kind == "predictor":
         with usage.measure("predict"):
             prediction: Prediction = components["predictor"].predict(context, num_samples)
         return prediction
     predictor = GeometricPredictor(**components)
-    observed = usage.shared(
-        shared, "observe", (), lambda: predictor.observer.observe(clip.truth[0])
-    )
-    key: Hashable = method.pose_source, num_samples
-    motion = usage.shared(shared, "motion", key, lambda: predictor.estimate(observed, num_samples))
+    observed = usage.shared("observe", (), lambda: predictor.observer.observe(clip.truth[0]))
+    source = method.pose_source, num_samples
+    motion = usage.shared("motion", source, lambda: predictor.estimate(observed, num_samples))
     past = motion.past
     poses = past.world_from_cam.tobytes(), past.times_s.tobytes(), past.is_metric
     key = method.renderer, poses
-    scene = usage.shared(shared, "reconstruct", key, lambda: predictor.reconstruct(observed, past))
+    scene = usage.shared("reconstruct", key, lambda: predictor.reconstruct(observed, past))
     with usage.measure("view"):
         return show(scene, motion, context)

@@ -42,7 +42,7 @@ def _protocol(results: Results) -> dict[str, Any]:
 def _facts(results: Results) -> dict[str, Any]:
     """Return what is stored about the selected method and decides its scores."""
     (method,) = results.methods()
-    scored = results.score_records(method.name)
+    scored = method.scored.values()
     return {
         "status": method.status,
         "samples": method.num_samples,
@@ -51,7 +51,9 @@ def _facts(results: Results) -> dict[str, Any]:
         "weights": method.about,
         "code": sorted({record.code for record in scored}),
         "metrics": {name: spec for record in scored for name, spec in record.metrics.items()},
-        "failures, scored as copies of the last frame": results.failures(method.name),
+        "failures, scored as copies of the last frame": {
+            clip: failure.reason for clip, failure in method.failures.items()
+        },
     }
 
 

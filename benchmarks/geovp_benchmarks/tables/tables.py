@@ -159,7 +159,6 @@ def explained(
         strict=strict,
         protocol=results.protocol(),
         methods=methods,
-        failures_of=results.failures,
         marks=MARKS,
         summary=summary,
         title=title,

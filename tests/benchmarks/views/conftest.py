@@ -112,14 +112,14 @@ def keep(results: Results, name: str) -> None:
         :, None, None, None
     ]  # the image says the step
     if source is None:
-        results.write_prediction(name, KEPT, Prediction(frames))
+        results.predictions(results.method(name)).write(KEPT, Prediction(frames))
         return
     covered = np.ones(frames.shape[:4], bool)
     covered[..., :4] = False
     past = straight(metres, PAST, is_metric=is_metric)
     ahead = straight(metres, PAST + FUTURE).world_from_cam[PAST:]
     motion = Motion(past, np.tile(ahead, (samples, 1, 1, 1)), np.ones(PAST, bool))
-    results.write_prediction(name, KEPT, Prediction(frames, covered, motion))
+    results.predictions(results.method(name)).write(KEPT, Prediction(frames, covered, motion))
 
 
 def fill(root: Path) -> Path:
@@ -142,7 +142,7 @@ def fill(root: Path) -> Path:
     frames = np.full((PAST + FUTURE, SIDE, SIDE, 3), 200, np.uint8)
     frames += np.arange(PAST + FUTURE, dtype=np.uint8)[:, None, None, None]
     drive = straight(1.0, PAST + FUTURE)
-    results.write_clip(Clip(KEPT, frames, drive.times_s, CAMERA, drive))
+    results.clips().write(KEPT, Clip(KEPT, frames, drive.times_s, CAMERA, drive))
     for name, (_, _, status, _, _, _) in METHODS.items():
         results.write_method(Method(name=name, **record(name)))
         if status in ("done", "partial"):

@@ -222,19 +222,21 @@ class TestPaths:
         positions = [[3, 0, 0], [4, 0, 0], [5, 0, 0], *[[7, 0, -1]] * 6]
         poses = np.stack([se3.compose(yaw, np.array(position, float)) for position in positions])
         results = Results(copied)
-        clip = results.clip(KEPT)
-        results.write_clip(replace(clip, trajectory=Trajectory(poses, clip.times_s, True)))
+        clip = results.clips().read(KEPT)
+        results.clips().write(KEPT, replace(clip, trajectory=Trajectory(poses, clip.times_s, True)))
         past = Trajectory(poses[:3], clip.times_s[:3], True)
-        prediction = results.prediction("gt--far", KEPT)
+        prediction = results.predictions(results.method("gt--far")).read(KEPT)
         motion = Motion(past, poses[None, 3:], np.ones(3, bool))
-        results.write_prediction("gt--far", KEPT, replace(prediction, motion=motion))
+        results.predictions(results.method("gt--far")).write(
+            KEPT, replace(prediction, motion=motion)
+        )
         page = draw(copied, Options())[f"paths-{CLIP}"]
         for line in page.figure.axes[0].lines[1:3]:
             np.testing.assert_allclose(line.get_xydata()[[0, -1]], [[0, 0], [2, -1]], atol=1e-12)
 
     def test_a_clip_without_poses_has_no_paths(self, copied: Path) -> None:
         results = Results(copied)
-        results.write_clip(replace(results.clip(KEPT), trajectory=None))
+        results.clips().write(KEPT, replace(results.clips().read(KEPT), trajectory=None))
         kinds = {name.partition("-")[0] for name in draw(copied, Options())}
         assert kinds == {"horizon", "strip"}
 
