@@ -114,20 +114,18 @@ def completed(
     """
     remaining = iter(tasks)
     waiting: set[futures.Future[Result]] = set()
-    errors: list[BaseException] = []
+    failed: list[futures.Future[Result]] = []
     with executor.open() as (pool, room):
         while True:
-            for task in itertools.islice(remaining, room - len(waiting)):
+            for task in itertools.islice(remaining, 0 if failed else room - len(waiting)):
                 waiting.add(pool.submit(function, task))
             if not waiting:
                 break
             done, waiting = futures.wait(waiting, interval_s, futures.FIRST_COMPLETED)
-            yield [future.result() for future in done if future.exception() is None]
-            errors += [error for future in done if (error := future.exception())]
-            if errors:
-                remaining = iter(())
-        if errors:
-            raise errors[0]
+            failed += [future for future in done if future.exception()]
+            yield [future.result() for future in done.difference(failed)]
+        for future in failed:
+            future.result()  # raises its error
 
 
 def _begin_worker(num_threads: int) -> None:
