@@ -1,11 +1,10 @@
 """Seconds and peak memory of the stages of a method; peak memory on Linux only."""
 
 import ctypes
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,5 +64,5 @@ def peak_mb() -> float:
 
 def release_free_memory() -> None:
     """Return freed memory to the system, which glibc keeps (malloc_trim(3))."""
-    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):
-        library.malloc_trim(0)
+    with suppress(OSError, AttributeError):  # another system, or another library
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
