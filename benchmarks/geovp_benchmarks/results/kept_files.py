@@ -87,13 +87,16 @@ def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def _built(kind: Any, arrays: Mapping[str, Any]) -> Any:
     """Return a dataclass from the arrays of its fields and of nested ones."""
-    values: dict[str, Any] = {}
-    nested: dict[str, dict[str, Any]] = {}
-    for path, array in arrays.items():
-        name, _, inner = path.partition(".")
-        if inner:
-            nested.setdefault(name, {})[inner] = array
+    values = {}
+    for name in {path.partition(".")[0] for path in arrays}:
+        if name in arrays:
+            values[name] = arrays[name] if arrays[name].ndim else arrays[name].item()
         else:
-            values[name] = array if array.ndim else array.item()
-    values |= {name: _built(NESTED[name], inner) for name, inner in nested.items()}
+            start = f"{name}."
+            inner = {
+                path.removeprefix(start): array
+                for path, array in arrays.items()
+                if path.startswith(start)
+            }
+            values[name] = _built(NESTED[name], inner)
     return kind(**values)
