@@ -110,7 +110,7 @@ def write_results(folder: Path) -> None:
     results.clips().write("a", Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
     covered = np.ones((1, 5, 32, 48), bool)
-    results.predictions(results.method("x")).write(
+    results.predictions(results.by_name()["x"]).write(
         "a", Prediction(stack[None, 3:], covered, motion)
     )
 
@@ -129,7 +129,7 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
 
 def read_scores(results: Results) -> Any:
-    return [*results.scores("x").rows()], results.method("x").seconds
+    return [*results.scores("x").rows()], results.by_name()["x"].seconds
 
 
 def colmap_model(file: str) -> Write:
@@ -256,7 +256,8 @@ READERS: dict[str, Reader] = {
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
     "clip": result("clips/a..npz", lambda results: results.clips().read("a")),
     "prediction": result(
-        "x/predictions/a.f.npz", lambda results: results.predictions(results.method("x")).read("a")
+        "x/predictions/a.f.npz",
+        lambda results: results.predictions(results.by_name()["x"]).read("a"),
     ),
     "scores": result("x/scores/part-*.parquet", read_scores),
     "method.json": result("x/method.json", lambda results: results.methods()),

@@ -15,7 +15,7 @@ from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
-from geovp_benchmarks.running.plan import Options
+from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
 from geovp_classic.data.windows import Recording
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -71,7 +71,7 @@ def go(
     parsed = schema.parse("m", tables).select(*selected)
     return {
         method.name: method
-        for method in run(parsed, Results(root), Options(**options), executor or Serial())
+        for method in run(Plan(parsed, Results(root), **options), executor or Serial())
     }
 
 

@@ -103,7 +103,7 @@ class TestRun:
             )
         )
         results = Results(tmp_path / "out")
-        assert results.predictions(results.method("still")).names == ["road/000", "road/001"]
+        assert results.predictions(results.by_name()["still"]).names == ["road/000", "road/001"]
         assert {method.num_clips for method in results.methods()} == {2}
         assert results.protocol()["dataset"]["root"] == "/elsewhere"
 
@@ -119,7 +119,7 @@ class TestScore:
         before, after = Results(tmp_path / "out"), Results(tmp_path / "out-rescored")
         for method in ("steady--slide", "still"):
             assert rows(after.root, method) == rows(before.root, method)
-            assert after.method(method).peak_memory_mb == 0  # nothing was predicted
+            assert after.by_name()[method].peak_memory_mb == 0  # nothing was predicted
         assert before.root.joinpath("still/method.json").exists()
 
     def test_with_other_metrics_and_the_clips_that_were_kept(

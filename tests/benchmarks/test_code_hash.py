@@ -20,7 +20,7 @@ from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running import plan, task
 from geovp_benchmarks.running.executors import Serial
-from geovp_benchmarks.running.plan import Options
+from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
 from geovp_benchmarks.tables import tables
 from geovp_classic.predictors.copy_last import CopyLast
@@ -35,7 +35,7 @@ MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
 def go(root: Path, caplog: pytest.LogCaptureFixture, **options: Any) -> tuple[Method, list[int]]:
     """The one method of the matrix, and how many clips were computed for it at each report."""
     caplog.clear()
-    (method,) = run(matrices.parse("m", MATRIX), Results(root), Options(**options), Serial())
+    (method,) = run(Plan(matrices.parse("m", MATRIX), Results(root), **options), Serial())
     steps = (record.args for record in caplog.records if record.name == progress.steps.name)
     return method, [step[0] for step in steps if isinstance(step, tuple) and step]  # type: ignore[misc]
 
@@ -66,9 +66,9 @@ class TestRuns:
             note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
         ]
         assert note == "still: computed by another version of the code, or partly."
-        method, done = go(tmp_path, caplog, fresh=True)
+        method, done = go(tmp_path, caplog, is_fresh=True)
         assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
-        _, done = go(tmp_path, caplog, fresh=True)
+        _, done = go(tmp_path, caplog, is_fresh=True)
         assert done == [0]
 
     def test_the_command_says_so_in_one_sentence(

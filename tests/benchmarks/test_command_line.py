@@ -31,8 +31,7 @@ class TestSettings:
         results = Results(tmp_path / "out")
         assert results.protocol()["stride"] == 3
         assert results.protocol()["methods"] == ["steady--slide", "still", "other"]
-        method = results.method("steady--slide")
-        assert method is not None
+        method = results.by_name()["steady--slide"]
         assert method.components["pose_source"]["step_m"] == 2.5
         written = matrix(tmp_path, other="toy-still")
         text = written.read_text().replace("stride = 1", "stride = 3")

@@ -104,7 +104,7 @@ def test_definitions_versions_weights_code_and_failures_are_told(
     )
     edited(b / "still/method.json", about=["svg weights x"])
     results = Results(b)
-    record = results.method("still").scored["road/000"]
+    record = results.by_name()["still"].scored["road/000"]
     why = dict.fromkeys(record.clips[::2], Failure("failed", "no light"))
     changed = replace(record, failures=why, code="c0de")
     results.write_scores([(results.scores("still"), changed)])

@@ -51,11 +51,11 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(tmp_path: Path)
     assert [row[:4] for row in scores] == [row[:4] for row in expected]
     values = ([row[4] for row in rows] for rows in (scores, expected))
     np.testing.assert_allclose(*values, rtol=1e-6, atol=1e-6)
-    clips = serial.predictions(serial.method(METHOD)).names
+    clips = serial.predictions(serial.by_name()[METHOD]).names
     assert len(clips) == 3
     for clip in clips:
         one, two = (
-            results.predictions(results.method(METHOD)).read(clip) for results in (serial, other)
+            results.predictions(results.by_name()[METHOD]).read(clip) for results in (serial, other)
         )
         assert np.abs(one.frames.astype(int) - two.frames).max() <= 1
         assert one.motion is not None

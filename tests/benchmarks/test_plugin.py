@@ -82,8 +82,7 @@ def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> Non
     )
     done = geovp(installed, toys, "run", str(path), "--out", str(tmp_path / "out"), "--no-report")
     assert done.returncode == 0, done.stderr
-    method = Results(tmp_path / "out").method("dark")
-    assert method is not None
+    method = Results(tmp_path / "out").by_name()["dark"]
     assert method.components == {"predictor": {"name": "grey", "level": 13}}
     # the real frames of steps 3 and 4 have the grey levels 3 and 4
     (values,) = Results(tmp_path / "out").scores("dark").values.values()

@@ -90,13 +90,13 @@ class TestRows:
         go(tmp_path, tables)
         results = Results(tmp_path)
         spread = ["road/000", "road/004", "road/008"]
-        assert results.predictions(results.method("a--r")).names == spread
+        assert results.predictions(results.by_name()["a--r"]).names == spread
         assert results.clips().names == spread
-        kept = results.predictions(results.method("b--q")).read("road/004")
+        kept = results.predictions(results.by_name()["b--q"]).read("road/004")
         assert (kept.frames == 42).all()
         assert kept.motion is not None
         go(tmp_path, tables, keep="all")
-        assert len(results.predictions(results.method("a--r")).names) == 9
+        assert len(results.predictions(results.by_name()["a--r"]).names) == 9
 
 
 @pytest.mark.usefixtures("toys")
@@ -299,8 +299,7 @@ class TestFailures:
         tables = content({"broken_clip": 4}, predictors=STILL)
         with pytest.raises(BadData, match=r"road/004\.png is truncated"):
             go(tmp_path, tables)
-        method = Results(tmp_path).method("still")
-        assert method is not None
+        method = Results(tmp_path).by_name()["still"]
         assert (method.status, method.num_clips) == ("partial", 4)
 
     def test_a_method_that_predicted_nothing_leaves_nothing_but_earlier_settings(
@@ -315,8 +314,8 @@ class TestFailures:
             assert go(tmp_path, misfit, keep="all")[name].status == "skipped"
             results = Results(tmp_path)
             assert (
-                results.method(name).scored,
-                results.predictions(results.method(name)).names,
+                results.by_name()[name].scored,
+                results.predictions(results.by_name()[name]).names,
             ) == ({}, [])
         tried = len(log.read_text().split())
         assert go(tmp_path, content(predictors={name: table}), keep="all")[name].status == "done"
@@ -331,7 +330,7 @@ class TestFailures:
         )
         go(tmp_path, tables)
         results = Results(tmp_path)
-        record = results.method("still").scored["road/000"]
+        record = results.by_name()["still"].scored["road/000"]
         results.write_scores([(results.scores("still"), replace(record, method="gone"))])
         there = json.loads((tmp_path / "still/method.json").read_text())
         here = json.loads((tmp_path / "gone/method.json").read_text())

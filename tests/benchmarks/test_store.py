@@ -76,17 +76,17 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     motion = Motion(past, np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
     results = begun(tmp_path)
     write_row(results, "y")
-    results.predictions(results.method("x")).write(NAME, Prediction(frames, covered, motion))
-    results.predictions(results.method("y")).write(NAME, Prediction(frames))
-    assert results.predictions(results.method("x")).names == [NAME]
-    back = results.predictions(results.method("x")).read(NAME)
+    results.predictions(results.by_name()["x"]).write(NAME, Prediction(frames, covered, motion))
+    results.predictions(results.by_name()["y"]).write(NAME, Prediction(frames))
+    assert results.predictions(results.by_name()["x"]).names == [NAME]
+    back = results.predictions(results.by_name()["x"]).read(NAME)
     np.testing.assert_array_equal(back.frames, frames)
     assert back.motion is not None
     assert back.covered is not None
     np.testing.assert_array_equal(back.motion.futures, motion.futures)
     np.testing.assert_array_equal(back.motion.tracked, [True, False])
     assert back.motion.past.scale_uncertainty == 0.5
-    plain = results.predictions(results.method("y")).read(NAME)
+    plain = results.predictions(results.by_name()["y"]).read(NAME)
     assert (plain.covered, plain.motion) == (None, None)
 
 
@@ -108,7 +108,7 @@ def test_rows_come_back_in_the_order_of_clips_and_undefined_is_null(tmp_path: Pa
     file_of(results, rows_of("b", 3.0, None), ["b"], "f", {}, {"view": 2.0}, 10.0)
     file_of(results, rows_of("a", 1.0), ["a"], "f", {}, {"view": 1.0}, 11.0)
     assert values(results) == [1.0, 3.0]  # a value that is not defined is NaN
-    seconds = {clip: record.seconds for clip, record in results.method("x").scored.items()}
+    seconds = {clip: record.seconds for clip, record in results.by_name()["x"].scored.items()}
     assert seconds == {"a": {"view": 1.0}, "b": {"view": 2.0}}
 
 
@@ -119,9 +119,9 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
     file_of(results, rows_of("a", 2.0), ["a"], "f", {}, {"view": 1.0}, 1.0)
     for _ in range(2):
         assert values(results) == [2.0, 1.0]
-        assert results.method("x").seconds["view"] == pytest.approx(2.0)
-        assert [*results.method("x").scored] == ["a", "b"]
-        results.merge([results.method("x")])
+        assert results.by_name()["x"].seconds["view"] == pytest.approx(2.0)
+        assert [*results.by_name()["x"].scored] == ["a", "b"]
+        results.merge([results.by_name()["x"]])
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
     write_protocol(results, "x", "c")
     assert values(results) == [1.0]  # clips that are not wanted now are still stored
@@ -145,7 +145,7 @@ def test_a_clip_without_any_score_is_stored(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_scores([(Scores(["a"], {}), ScoreRecord("x", ["a"], "f"))])
     assert results.scores("x").values == {}
-    assert [*results.method("x").scored] == ["a"]
+    assert [*results.by_name()["x"].scored] == ["a"]
 
 
 def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:
 
     def scores_after_merge(*parts_and_clips: Any) -> Scores:
         while merges:
-            merges.pop()([results.method("x")])
+            merges.pop()([results.by_name()["x"]])
         return read(*parts_and_clips)
 
     reader._score_files.scores = scores_after_merge  # type: ignore[method-assign]
@@ -173,7 +173,7 @@ def test_names_may_hold_quotes_and_values_may_be_undefined_or_infinite(tmp_path:
         results = begun(root)
         results.write_scores([(stored, about)])
         assert dicts(results.scores("x")) == dicts(stored)
-        record = results.method("x").scored["it's"]
+        record = results.by_name()["x"].scored["it's"]
         assert record.metrics == {"m'": {"a": "'"}}
         assert record.failures == {"it's": failure}
 
@@ -210,17 +210,20 @@ def test_a_pickle_is_not_read(tmp_path: Path) -> None:
 def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
     results = begun(tmp_path, "old")
     results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "old"))])
-    results.predictions(results.method("x")).write("a", Prediction(clip().frames[None]))
+    results.predictions(results.by_name()["x"]).write("a", Prediction(clip().frames[None]))
     results = begun(tmp_path, "new")
-    assert (results.method("x").scored, results.predictions(results.method("x")).names) == ({}, [])
+    assert (results.by_name()["x"].scored, results.predictions(results.by_name()["x"]).names) == (
+        {},
+        [],
+    )
     results.write_scores([(rows(2.0), ScoreRecord("x", ["a"], "new"))])
     results.write_scores([(rows(3.0), ScoreRecord("x", ["a"], "new"))])
-    results.merge([results.method("x")])
+    results.merge([results.by_name()["x"]])
     assert values(results) == [3.0]
     assert [*results.scored("x", "old")] == ["a"]
     results = begun(tmp_path, "old")
     assert values(results) == [1.0]
-    assert results.predictions(results.method("x")).names == ["a"]
+    assert results.predictions(results.by_name()["x"]).names == ["a"]
     results.clips().write(NAME, clip())
     protocol = dict(results.protocol())
     results.write_protocol({**protocol, "fingerprint": "other"})
@@ -232,8 +235,8 @@ def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path
 def test_damaged_kept_files_are_noticed(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.clips().write(NAME, clip())
-    results.predictions(results.method("x")).write("good", Prediction(clip().frames[None]))
-    results.predictions(results.method("x")).write("bad", Prediction(clip().frames[None]))
+    results.predictions(results.by_name()["x"]).write("good", Prediction(clip().frames[None]))
+    results.predictions(results.by_name()["x"]).write("bad", Prediction(clip().frames[None]))
     (results.root / "x/predictions/.scratch.npz").write_bytes(b"")
     bad = tmp_path / "x/predictions/bad.f.npz"
     (kept,) = (tmp_path / "clips").iterdir()
@@ -270,5 +273,5 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
         facts = {name: {"yaw_deg": float(index)}}
         record = ScoreRecord("x", [name], "f", failures=failures, facts=facts)
         results.write_scores([(rows_of(name, 1.0), record)])
-    assert results.method("x").failures == failures
+    assert results.by_name()["x"].failures == failures
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}

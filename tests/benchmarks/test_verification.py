@@ -34,7 +34,7 @@ def verified(command: Command) -> Verified:
 def shift(root: Path, method: str, clip: str, metric: str, by: float) -> None:
     """Change one stored value by hand."""
     results = Results(root)
-    record = results.method(method).scored[clip]
+    record = results.by_name()[method].scored[clip]
     lines = [row for row in dicts(results.scores(method)) if row["clip"] in record.clips]
     changed = next(
         row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2)
@@ -127,7 +127,7 @@ class TestReproduction:
         results.write_protocol(
             {**results.protocol(), "versions": {**provenance.versions(), "numpy": "1.0"}}
         )
-        record = results.method("still").scored["road/000"]
+        record = results.by_name()["still"].scored["road/000"]
         results.write_scores([(results.scores("still"), replace(record, code="abc"))])
         code, lines = verified(tmp_path)
         assert code == 0

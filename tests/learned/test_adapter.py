@@ -99,7 +99,7 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     out = tmp_path / "out"
     assert cli.main(["run", str(tmp_path / "dusk.toml"), "--out", str(out), "--no-report"]) == 0
     task.build_matrix.cache_clear()
-    method = Results(out).method("dusk")
+    method = Results(out).by_name()["dusk"]
     assert method.status == "done"
     assert method.components["predictor"]["noise"] == 0.1
     assert method.components["predictor"]["device"] in ("cpu", "cuda")

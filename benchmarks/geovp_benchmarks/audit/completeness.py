@@ -52,9 +52,8 @@ def examine_results(root: Path) -> Iterator[str]:
     """Yield which scores a results folder lacks, and its damaged files."""
     results = Results(root)
     clips = results.protocol()["clips"]
-    stored = {method.name: method for method in results.methods()}
     for name in results.protocol()["methods"]:
-        method = stored.get(name)
+        method = results.by_name().get(name)
         missing = [clip for clip in clips if method is None or clip not in method.scored]
         if missing and (method is None or method.status != "skipped"):
             yield (

@@ -51,19 +51,19 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     from geovp_benchmarks.matrix import schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running.dry_run import dry_run
-    from geovp_benchmarks.running.plan import Options
+    from geovp_benchmarks.running.plan import Plan
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
 
     matrix = with_max_samples(schema.read(args.matrix, args.set), args.samples)
     matrix = matrix.select(*args.methods).override(root=args.root, device=args.device)
     results = Results(folder(args))
-    options = Options(args.limit, args.keep, args.fresh)
+    plan = Plan(matrix, results, args.limit, args.keep, args.fresh)
     if args.dry_run:
-        yield from dry_run(matrix, results, options, args.workers.get("workers", 1))
+        yield from dry_run(plan, args.workers.get("workers", 1))
         return 0
     executor = registry.build("executors", args.workers)
-    run_matrix(matrix, results, options, executor)
+    run_matrix(plan, executor)
     return (yield from conclude(results, has_report=not args.no_report))
 
 

@@ -15,7 +15,7 @@ earlier settings stay, and count again with these settings.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -95,7 +95,7 @@ class Results:
 
     def methods(self) -> list[Method]:
         """Return the selected methods; of all that have been begun, in the matrix file's order."""
-        methods = {method.label: method for method in self._methods().values()}
+        methods = {method.label: method for method in self.by_name().values()}
         for label in self.selected:
             if label not in methods:
                 raise BadData(f"no method is called {label!r}{nearest(label, methods)}")
@@ -105,30 +105,27 @@ class Results:
         """Return the results of the methods with these labels; of all methods without labels."""
         return replace(self, selected=labels)
 
-    def method(self, name: str) -> Method:
-        """Return a method that has been begun by the name of its folder."""
-        return self._methods()[name]
-
     @_remembered
-    def _methods(self) -> dict[str, Method]:
-        """Return all methods that have been begun by name."""
+    def by_name(self) -> dict[str, Method]:
+        """Return all methods that have been begun, by the name of their folders."""
         protocol, methods = self.protocol(), {}
+        clips = protocol["clips"]
         for name in protocol["methods"]:
             path = self.root / name / "method.json"
             if path.exists():
                 method: Method = records.read(path, Method, name=name)
-                scored = self.scored(name, method.fingerprint)
-                is_partial = method.status == "done" and len(scored) < len(protocol["clips"])
+                stored = self.scored(name, method.fingerprint)
+                scored = {clip: stored[clip] for clip in clips if clip in stored}
+                is_partial = method.status == "done" and len(scored) < len(clips)
                 status = "partial" if is_partial else method.status
                 methods[name] = method.model_copy(update={"scored": scored, "status": status})
         return methods
 
     @_remembered
     def scored(self, method: str, fingerprint: str) -> dict[str, ScoreRecord]:
-        """Return how the protocol's clips were scored, in order, without damaged files."""
+        """Return how all clips of a method were scored, without damaged files."""
         of_method = self._score_files.records.get(method, ())
-        latest = newest(each for each in of_method if each.fingerprint == fingerprint)
-        return {clip: latest[clip] for clip in self.protocol()["clips"] if clip in latest}
+        return newest(each for each in of_method if each.fingerprint == fingerprint)
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
@@ -142,7 +139,7 @@ class Results:
     def _all_scores(self) -> dict[str, Scores]:
         """Return the scores of all methods; one query reads methods that share their files."""
         groups: dict[frozenset[Path], dict[str, dict[str, ScoreRecord]]] = {}
-        for name, method in self._methods().items():
+        for name, method in self.by_name().items():
             paths = frozenset(record.path for record in method.scored.values())
             groups.setdefault(paths, {})[name] = method.scored
         scores: dict[str, Scores] = {}
@@ -155,7 +152,7 @@ class Results:
         """Return numbers that are known of the clips themselves, by clip and name."""
         return {
             clip: record.facts[clip]
-            for method in self._methods().values()
+            for method in self.by_name().values()
             for clip, record in method.scored.items()
             if clip in record.facts
         }
@@ -210,12 +207,10 @@ class Results:
         write_bytes(self.root / file, files.json_bytes(content))
         self.memory.clear()
 
-    def write_scores(self, scored: Iterable[tuple[Scores, ScoreRecord]]) -> None:
+    def write_scores(self, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write scores of some clips, in one file per method."""
-        by_method: dict[str, list[tuple[Scores, ScoreRecord]]] = {}
-        for scores, record in scored:
-            by_method.setdefault(record.method, []).append((scores, record))
-        for method, of_method in by_method.items():
+        for method in {record.method for _, record in scored}:
+            of_method = [each for each in scored if each[1].method == method]
             self._score_files.write(method, of_method)
         self.memory.clear()
 

@@ -1,24 +1,21 @@
 """Dry run: what a run would compute, and about how long."""
 
-from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.score_files import seconds
-from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.plan import Options, Plan
+from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.tables.formats import grid
 
 
-def dry_run(matrix: Matrix, results: Results, options: Options, workers: int) -> list[str]:
+def dry_run(plan: Plan, workers: int) -> list[str]:
     """Return lines that state what is to be computed; nothing is written.
 
     Times are those of stored scores, and unknown for methods without any.
     """
-    plan = Plan(matrix, results, options)
     lines = [["method", "to do", "stored", "s per clip"]]
     num_missing, total_s = 0, 0.0
     for method in plan.methods:
         clips = plan.missing(method)
         num_missing += len(clips)
-        scored = results.scored(method.name, method.fingerprint)
+        scored = plan.results.scored(method.name, method.fingerprint)
         note = method.reason or "unknown"
         if scored:
             per_clip_s = sum(seconds(scored.values()).values()) / len(scored)

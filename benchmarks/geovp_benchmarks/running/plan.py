@@ -20,21 +20,14 @@ from geovp_classic.types import PrivilegedInput
 
 
 @dataclass(frozen=True)
-class Options:
-    """Options of a run."""
-
-    limit: int | None = None  # number of clips
-    keep: str = "3"  # whose predictions are stored; see `select`
-    fresh: bool = False  # recompute what another version of the code computed
-
-
-@dataclass(frozen=True)
 class Plan:
     """Everything that is fixed before the first clip is read."""
 
     matrix: Matrix
     results: Results
-    options: Options
+    limit: int | None = None  # number of clips
+    keep: str = "3"  # clips whose predictions are stored; see `select`
+    is_fresh: bool = False  # whether to recompute what another version of the code computed
 
     @cached_property
     def built(self) -> BuiltMatrix:
@@ -45,7 +38,7 @@ class Plan:
     @cached_property
     def clips(self) -> Sequence[str]:
         """Return the names of the clips; raise BadData if there are none."""
-        clips = self.built.clip_names[: self.options.limit]
+        clips = self.built.clip_names[: self.limit]
         if not clips:
             raise BadData(
                 "the data set has no clip of that length: give a longer sequence or fewer frames "
@@ -54,9 +47,9 @@ class Plan:
         return clips
 
     @cached_property
-    def keep(self) -> Set[str]:
+    def stored_clips(self) -> Set[str]:
         """Return the clips whose predictions are stored."""
-        return select(self.options.keep, self.clips)
+        return select(self.keep, self.clips)
 
     @cached_property
     def protocol(self) -> dict[str, Any]:
@@ -135,10 +128,10 @@ class Plan:
         for clip, record in self.results.scored(method.name, method.fingerprint).items():
             has_failed = clip in record.failures and record.failures[clip].status == "failed"
             has_metrics = self.built.metrics.described.items() <= record.metrics.items()
-            is_current = record.code == method.code or not self.options.fresh
+            is_current = record.code == method.code or not self.is_fresh
             if has_metrics and is_current and not has_failed:
                 missing.discard(clip)
-        return missing | (self.keep - predicted)
+        return missing | (self.stored_clips - predicted)
 
     def tasks(self, missing: Mapping[str, Set[str]]) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack, by their names."""
@@ -146,7 +139,7 @@ class Plan:
         for index, clip in enumerate(self.clips):
             methods = [method for method in self.methods if clip in missing[method.name]]
             if methods:
-                yield Task(matrix, root, index, clip, methods, clip in self.keep)
+                yield Task(matrix, root, index, clip, methods, clip in self.stored_clips)
 
 
 def select(keep: str, clips: Sequence[str]) -> set[str]:

@@ -44,7 +44,7 @@ def rescore(results: Results, output: Results, metrics: Metrics) -> list[Method]
     for method in tracked(methods):
         status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
         output.write_method(method.model_copy(update={"code": "", "status": status}))
-        output.write_scores(_rescored(results, output, method, metrics))
+        output.write_scores([*_rescored(results, output, method, metrics)])
     return output.methods()
 
 

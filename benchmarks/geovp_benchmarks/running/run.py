@@ -2,33 +2,31 @@
 
 import logging
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.progress import announce, report
-from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.running.executors import Executor, completed
-from geovp_benchmarks.running.plan import Options, Plan
+from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.task import Scored, score_clip
 
 logger = logging.getLogger(__name__)
 
 
-def run(matrix: Matrix, results: Results, options: Options, executor: Executor) -> list[Method]:
+def run(plan: Plan, executor: Executor) -> list[Method]:
     """Compute missing and outdated scores, and return all methods.
 
     Raises BadData if the matrix, the data set or the folder is unsuitable.
     """
-    with results_lock(results.root):
+    with results_lock(plan.results.root):
         announce("building components and metrics")
-        plan = Plan(matrix, results, options)
         compute_missing(plan, executor)
-    return results.methods()
+    return plan.results.methods()
 
 
 @contextmanager
@@ -86,7 +84,7 @@ def begin(plan: Plan) -> None:
     """
     results = plan.results
     results.write_protocol(plan.protocol)
-    stored = {method.name: method for method in results.methods()}
+    stored = results.by_name()
     for method in plan.methods:
         before = stored.get(method.name)
         is_same = before is not None and before.num_clips and before.asked == method.asked
@@ -97,13 +95,13 @@ def begin(plan: Plan) -> None:
         logger.warning("%s was damaged: it is set aside as %s and computed again", path, aside.name)
 
 
-def finish(plan: Plan, batch: Iterable[Scored]) -> None:
+def finish(plan: Plan, batch: Sequence[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
     results = plan.results
     results.write_scores(batch)
     methods = [method for method in plan.methods if method.fingerprint]
     results.merge(methods)
-    stored = {method.name: method for method in results.methods()}
+    stored = results.by_name()
     for method in methods:
         scored = stored[method.name]
         if not scored.failures:

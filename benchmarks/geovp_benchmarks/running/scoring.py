@@ -59,12 +59,18 @@ class Metrics:
                     about[name]["unavailable"] = metric.reason
                 else:
                     built[role][name] = metric
-        fraction = {"role": "frame", "unit": "", "bounds": [0.0, 1.0], "higher_is_better": None}
         for name, definition in (
             (COVERAGE, "fraction of pixels that were not inpainted"),
             (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),
         ):
-            about[name] = {**fraction, "unavailable": None, "definition": definition}
+            about[name] = {
+                "role": "frame",
+                "unit": "",
+                "bounds": [0.0, 1.0],
+                "higher_is_better": None,
+                "unavailable": None,
+                "definition": definition,
+            }
         return cls(**built, about=about)
 
     @property

@@ -112,14 +112,14 @@ def keep(results: Results, name: str) -> None:
         :, None, None, None
     ]  # the image says the step
     if source is None:
-        results.predictions(results.method(name)).write(KEPT, Prediction(frames))
+        results.predictions(results.by_name()[name]).write(KEPT, Prediction(frames))
         return
     covered = np.ones(frames.shape[:4], bool)
     covered[..., :4] = False
     past = straight(metres, PAST, is_metric=is_metric)
     ahead = straight(metres, PAST + FUTURE).world_from_cam[PAST:]
     motion = Motion(past, np.tile(ahead, (samples, 1, 1, 1)), np.ones(PAST, bool))
-    results.predictions(results.method(name)).write(KEPT, Prediction(frames, covered, motion))
+    results.predictions(results.by_name()[name]).write(KEPT, Prediction(frames, covered, motion))
 
 
 def fill(root: Path) -> Path:

@@ -225,9 +225,9 @@ class TestPaths:
         clip = results.clips().read(KEPT)
         results.clips().write(KEPT, replace(clip, trajectory=Trajectory(poses, clip.times_s, True)))
         past = Trajectory(poses[:3], clip.times_s[:3], True)
-        prediction = results.predictions(results.method("gt--far")).read(KEPT)
+        prediction = results.predictions(results.by_name()["gt--far"]).read(KEPT)
         motion = Motion(past, poses[None, 3:], np.ones(3, bool))
-        results.predictions(results.method("gt--far")).write(
+        results.predictions(results.by_name()["gt--far"]).write(
             KEPT, replace(prediction, motion=motion)
         )
         page = draw(copied, Options())[f"paths-{CLIP}"]
