@@ -148,8 +148,7 @@ def check_matrix(block: Block, root: Path | None = None) -> None:
     parsed = schema.parse("page", block.toml).override(root=root)
     built = build_matrix(parsed.model_dump_json())
     assert built.clip_names, block
-    components = [each for method in built.methods.values() for each in method.values()]
-    failures = [each for each in components if isinstance(each, Failure)]
+    failures = [each for each in built.predictors.values() if isinstance(each, Failure)]
     assert not failures or not HAS_NETWORKS, f"{block}: {failures}"
 
 

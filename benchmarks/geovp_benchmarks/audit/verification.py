@@ -76,10 +76,9 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     try:
         matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
-        components = built.methods[pair.method.name].values()
-        for component in components:
-            if isinstance(component, Failure):
-                raise GeovpError(component.reason)
+        predictor = built.predictors[pair.method.name]
+        if isinstance(predictor, Failure):
+            raise GeovpError(predictor.reason)
         recomputed = _recompute(pair, matrix)
         stored = replace(pair.results, subset=frozenset({pair.clip})).scores(pair.method.name)
         unavailable = built.metrics.unavailable
@@ -99,7 +98,7 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     words += [f"{name} cannot be compared" for name in unavailable]
     if is_random:
         words.append("not deterministic: two computations here differ as well")
-    if (code := code_hash(components)) != pair.record.code:
+    if (code := code_hash([predictor])) != pair.record.code:
         words.append(f"stored by code {pair.record.code}, here it is {code}")
     return Verdict(f"{label}: {'; '.join(words)}", is_reproduced, unavailable)
 

@@ -13,7 +13,7 @@ from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, needs_of
+from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
@@ -83,13 +83,10 @@ class Plan:
 
     def _names(self, fingerprint: str) -> list[str]:
         """Return the names of the methods, with those of earlier runs with other --methods."""
-        names = set(self.built.methods)
-        if self.results.begun:
-            stored = self.results.protocol()
-            if stored.get("fingerprint") == fingerprint:
-                names.update(stored["methods"])
-        every_method = self.matrix.select().methods
-        return [method.name for method in every_method if method.name in names]
+        names = set(self.built.predictors)
+        if self.results.begun and self.results.protocol()["fingerprint"] == fingerprint:
+            names.update(self.results.protocol()["methods"])
+        return [method.name for method in self.matrix.select().methods if method.name in names]
 
     @cached_property
     def methods(self) -> list[Method]:
@@ -98,25 +95,27 @@ class Plan:
 
     def _record(self, plan: MethodPlan) -> Method:
         """Return the record of a method; without a fingerprint if it cannot be built here."""
-        components, specs = self.built.methods[plan.name], self.matrix.specs
-        fingerprint = self.protocol["fingerprint"]
+        built, specs = self.built, self.matrix.specs
+        predictor, fingerprint = built.predictors[plan.name], self.protocol["fingerprint"]
         asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
         asked |= {"num_samples": plan.num_samples, "protocol": fingerprint}
-        record = Method.model_validate(plan, from_attributes=True)
-        record = record.model_copy(update={"asked": asked, "components": {}})
-        for component in components.values():
-            if isinstance(component, Failure):
-                return record.model_copy(update=component._asdict())
-        described = {role: registry.describe(each) for role, each in components.items()}
-        needs = needs_of(components.values())
-        resolved = {
-            "components": described,
-            "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
-            "fingerprint": content_hash([fingerprint, described, plan.num_samples]),
-            "about": weights_of(components.values()),
-            "code": code_hash(components.values()),
-        }
-        return record.model_copy(update=resolved)
+        facts: dict[str, Any] = {"asked": asked, "components": {}}
+        if isinstance(predictor, Failure):
+            facts |= predictor._asdict()
+        else:
+            components = {
+                role: registry.describe(built.components[key])
+                for role, key in plan.components.items()
+            }
+            needs = [str(each.name) for each in PrivilegedInput if each in predictor.needs]
+            facts |= {
+                "components": components,
+                "privileged_inputs": needs,
+                "fingerprint": content_hash([fingerprint, components, plan.num_samples]),
+                "about": weights_of([predictor]),
+                "code": code_hash([predictor]),
+            }
+        return Method.model_validate(plan, from_attributes=True).model_copy(update=facts)
 
     def missing(self, method: Method) -> Set[str]:
         """Return the clips that failed, or that lack scores or a prediction to be kept."""

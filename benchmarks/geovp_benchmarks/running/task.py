@@ -1,8 +1,7 @@
 """Task of a run: predict a clip with several methods, and score the predictions."""
 
 import functools
-import operator
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +25,12 @@ Scored = tuple[Scores, ScoreRecord]
 
 @dataclass(frozen=True)
 class BuiltMatrix:
-    """Components of a matrix; a Failure replaces a component that cannot be built here."""
+    """Components of a matrix; a Failure replaces what cannot be built here."""
 
     matrix: Matrix
     dataset: Dataset
-    methods: Mapping[str, dict[str, Any]]  # components by role, by the name of the method
+    components: Mapping[tuple[str, str], Any]  # by role and name
+    predictors: Mapping[str, Any]  # by the name of the method
     metrics: Metrics
 
     @property
@@ -60,19 +60,18 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     with on_device(matrix.device):
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
         metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
-    buildable = [each for each in components.values() if not isinstance(each, Failure)]
-    dataset = matrix.build_dataset(needs_of(buildable))
-    methods = {
-        method.name: {role: components[key] for role, key in method.components.items()}
-        for method in matrix.methods
-    }
-    return BuiltMatrix(matrix, dataset, methods, metrics)
-
-
-def needs_of(components: Iterable[Any]) -> PrivilegedInput:
-    """Return all privileged inputs of components."""
-    needs = (component.needs for component in components)
-    return functools.reduce(operator.or_, needs, PrivilegedInput.NONE)
+    predictors: dict[str, Any] = {}
+    needs = PrivilegedInput.NONE
+    for method in matrix.methods:
+        parts = {role: components[key] for role, key in method.components.items()}
+        failures = [part for part in parts.values() if isinstance(part, Failure)]
+        if failures:
+            predictors[method.name] = failures[0]
+        else:
+            predictor = parts.get("predictor") or GeometricPredictor(**parts)
+            predictors[method.name] = predictor
+            needs |= predictor.needs
+    return BuiltMatrix(matrix, matrix.build_dataset(needs), components, predictors, metrics)
 
 
 @dataclass(frozen=True)
@@ -100,15 +99,13 @@ def score_clip(task: Task) -> list[Scored]:
     scored = []
     for method in task.methods:
         announce(f"{task.clip}, {method.label}")
-        components = built.methods[method.name]
-        context, _ = clip.clip.split(clip.num_past, needs_of(components.values()))
-        usage, scoring = (
-            Usage(steps),
-            Usage(steps),
-        )  # the peak of scoring is the same for all methods
+        predictor = built.predictors[method.name]
+        context, _ = clip.clip.split(clip.num_past, predictor.needs)
+        usage = Usage(steps)
+        scoring = Usage(steps)  # its peak is the same for all methods
         failures = {}
         try:
-            prediction = _predict(components, method, context, clip, usage)
+            prediction = _predict(predictor, method, context, clip, usage)
             with scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
@@ -125,7 +122,7 @@ def score_clip(task: Task) -> list[Scored]:
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            code=code_hash(components.values()),
+            code=code_hash([predictor]),
             failures=failures,
             facts={task.clip: clip.facts} if scores.values else {},
         )
@@ -135,19 +132,14 @@ def score_clip(task: Task) -> list[Scored]:
 
 
 def _predict(
-    components: Mapping[str, Any],
-    method: Method,
-    context: Context,
-    clip: ScoredClip,
-    usage: Usage,
+    predictor: Any, method: Method, context: Context, clip: ScoredClip, usage: Usage
 ) -> Prediction:
     """Return the prediction of a method, from steps that other methods may have computed."""
     num_samples = method.num_samples
     if method.kind == "predictor":
         with usage.measure("predict"):
-            prediction: Prediction = components["predictor"].predict(context, num_samples)
+            prediction: Prediction = predictor.predict(context, num_samples)
         return prediction
-    predictor = GeometricPredictor(**components)
     observed = usage.shared("observe", (), lambda: predictor.observer.observe(clip.truth[0]))
     source = method.pose_source, num_samples
     motion = usage.shared("motion", source, lambda: predictor.estimate(observed, num_samples))
