@@ -22,7 +22,7 @@ def stored_metrics(results: Results) -> Metrics:
     return Metrics.build(**specs, size_px=protocol["size_px"])
 
 
-def rescore(results: Results, output: Results, metrics: Metrics) -> list[Method]:
+def rescore(results: Results, output: Results, metrics: Metrics) -> None:
     """Write a results folder of the kept clips alone; raise BadData if there are none."""
     protocol = results.protocol()
     stored = set(results.clips().names)
@@ -40,12 +40,10 @@ def rescore(results: Results, output: Results, metrics: Metrics) -> list[Method]
         "rescored_from": str(results.root),
     }
     output.write_protocol({**rescored, "id": protocol_id(rescored)})
-    methods = results.methods()
-    for method in tracked(methods):
+    for method in tracked(results.methods()):
         status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
         output.write_method(method.model_copy(update={"code": "", "status": status}))
         output.write_scores([*_rescored(results, output, method, metrics)])
-    return output.methods()
 
 
 def _rescored(
@@ -61,14 +59,12 @@ def _rescored(
         usage = Usage({})
         with usage.measure("metrics"):
             scores = score(clip, prediction, metrics)
-        yield (
-            scores,
-            ScoreRecord(
-                method.name,
-                [name],
-                method.fingerprint,
-                seconds=usage.seconds,
-                failures=method.failures,
-                facts={name: clip.facts},
-            ),
+        record = ScoreRecord(
+            method.name,
+            [name],
+            method.fingerprint,
+            seconds=usage.seconds,
+            failures=method.failures,
+            facts={name: clip.facts},
         )
+        yield scores, record

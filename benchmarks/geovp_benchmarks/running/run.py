@@ -104,12 +104,12 @@ def finish(plan: Plan, batch: Sequence[Scored]) -> None:
     stored = results.by_name()
     for method in methods:
         scored = stored[method.name]
-        if not scored.failures:
-            continue
-        first = next(iter(scored.failures.values()))
-        logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
-        outcome = {"traceback": first.traceback}
-        if len(scored.failures) == scored.num_clips:  # nothing was predicted
-            outcome = first._asdict()
-            results.discard(method)  # so that the next run tries again
-        results.write_method(method.model_copy(update=outcome))
+        failures = [*scored.failures.values()]
+        if failures:
+            first = failures[0]
+            logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
+            outcome = {"traceback": first.traceback}
+            if len(failures) == scored.num_clips:  # nothing was predicted
+                outcome = first._asdict()
+                results.discard(method)  # so that the next run tries again
+            results.write_method(method.model_copy(update=outcome))

@@ -37,9 +37,9 @@ from geovp_classic.types import (
 class Metrics:
     """Metrics that can be computed here, by the names of their columns."""
 
-    frame: Mapping[str, FrameMetric]
-    trajectory: Mapping[str, TrajectoryMetric]
-    about: Mapping[str, Any] = field(default_factory=dict)  # also of others, for protocol.json
+    frame: dict[str, FrameMetric]
+    trajectory: dict[str, TrajectoryMetric]
+    about: dict[str, Any] = field(default_factory=dict)  # also of others, for protocol.json
 
     @classmethod
     def build(cls, frame: Specs, trajectory: Specs, size_px: tuple[int, int]) -> Self:
@@ -48,22 +48,22 @@ class Metrics:
         A wrong name or setting is raised.
         """
         blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
-        built: dict[str, dict[str, Any]] = {"frame": {}, "trajectory": {}}
-        about: dict[str, Any] = {}
+        metrics = cls({}, {})
         for role, specs in (("frame", frame), ("trajectory", trajectory)):
             for name, spec in specs.items():
-                about[name] = {"role": role, "asked": spec, "unavailable": None}
-                try_out = partial(_try_out, about=about[name], blank=blank)
+                about = {"role": role, "asked": spec, "unavailable": None}
+                metrics.about[name] = about
+                try_out = partial(_try_out, about=about, blank=blank)
                 metric = build(f"{role}_metrics", name, spec, try_out)
                 if isinstance(metric, Failure):
-                    about[name]["unavailable"] = metric.reason
+                    about["unavailable"] = metric.reason
                 else:
-                    built[role][name] = metric
+                    getattr(metrics, role)[name] = metric
         for name, definition in (
             (COVERAGE, "fraction of pixels that were not inpainted"),
             (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),
         ):
-            about[name] = {
+            metrics.about[name] = {
                 "role": "frame",
                 "unit": "",
                 "bounds": [0.0, 1.0],
@@ -71,7 +71,7 @@ class Metrics:
                 "unavailable": None,
                 "definition": definition,
             }
-        return cls(**built, about=about)
+        return metrics
 
     @property
     def unavailable(self) -> dict[str, str]:
