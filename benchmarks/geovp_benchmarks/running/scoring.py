@@ -39,7 +39,9 @@ class Metrics:
 
     frame: dict[str, FrameMetric]
     trajectory: dict[str, TrajectoryMetric]
-    about: dict[str, Any] = field(default_factory=dict)  # also of others, for protocol.json
+    described: dict[str, Any] = field(default_factory=dict)  # their resolved settings
+    about: dict[str, Any] = field(default_factory=dict)  # of all metrics, for protocol.json
+    unavailable: dict[str, str] = field(default_factory=dict)  # why others cannot be computed here
 
     @classmethod
     def build(cls, frame: Specs, trajectory: Specs, size_px: tuple[int, int]) -> Self:
@@ -51,14 +53,14 @@ class Metrics:
         metrics = cls({}, {})
         for role, specs in (("frame", frame), ("trajectory", trajectory)):
             for name, spec in specs.items():
-                about = {"role": role, "asked": spec, "unavailable": None}
-                metrics.about[name] = about
+                metrics.about[name] = about = {"role": role, "asked": spec, "unavailable": None}
                 try_out = partial(_try_out, about=about, blank=blank)
                 metric = build(f"{role}_metrics", name, spec, try_out)
                 if isinstance(metric, Failure):
-                    about["unavailable"] = metric.reason
+                    about["unavailable"] = metrics.unavailable[name] = metric.reason
                 else:
                     getattr(metrics, role)[name] = metric
+                    metrics.described[name] = registry.describe(metric)
         for name, definition in (
             (COVERAGE, "fraction of pixels that were not inpainted"),
             (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),
@@ -72,19 +74,6 @@ class Metrics:
                 "definition": definition,
             }
         return metrics
-
-    @property
-    def unavailable(self) -> dict[str, str]:
-        """Return why metrics cannot be computed here."""
-        return {
-            name: facts["unavailable"] for name, facts in self.about.items() if facts["unavailable"]
-        }
-
-    @cached_property
-    def described(self) -> dict[str, Any]:
-        """Return the resolved settings of the metrics."""
-        metrics = {**self.frame, **self.trajectory}
-        return {name: registry.describe(metric) for name, metric in metrics.items()}
 
 
 def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:

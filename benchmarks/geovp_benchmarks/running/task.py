@@ -98,7 +98,8 @@ def score_clip(task: Task) -> list[Scored]:
     steps: dict[Hashable, Any] = {}  # that several methods have in common
     scored = []
     for method in task.methods:
-        announce(f"{task.clip}, {method.label}")
+        step = f"{task.clip}, {method.label}"
+        announce(step)
         predictor = built.predictors[method.name]
         context, _ = clip.clip.split(clip.num_past, predictor.needs)
         usage = Usage(steps)
@@ -127,7 +128,7 @@ def score_clip(task: Task) -> list[Scored]:
             facts={task.clip: clip.facts} if scores.values else {},
         )
         scored.append((scores, record))
-        announce(f"{task.clip}, {method.label}", done=1)
+        announce(step, done=1)
     return scored
 
 
