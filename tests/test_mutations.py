@@ -129,7 +129,7 @@ def result(file: str, read: Callable[[Results], Any]) -> Reader:
 
 
 def read_scores(results: Results) -> Any:
-    return [*results.scores("x").rows()], results.by_name()["x"].seconds
+    return [*results.scores("x").rows()], results.by_name()["x"].scored.seconds
 
 
 def colmap_model(file: str) -> Write:

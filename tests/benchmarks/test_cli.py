@@ -119,7 +119,7 @@ class TestScore:
         before, after = Results(tmp_path / "out"), Results(tmp_path / "out-rescored")
         for method in ("steady--slide", "still"):
             assert rows(after.root, method) == rows(before.root, method)
-            assert after.by_name()[method].peak_memory_mb == 0  # nothing was predicted
+            assert after.by_name()[method].scored.peak_memory_mb == 0  # nothing was predicted
         assert before.root.joinpath("still/method.json").exists()
 
     def test_with_other_metrics_and_the_clips_that_were_kept(

@@ -40,7 +40,7 @@ def run(root: Path, threads: int) -> Results:
     finally:
         numba.config.NUMBA_NUM_THREADS = before[0]
         cv2.setNumThreads(before[1])
-    assert (method.status, len(method.failures)) == ("done", 0)
+    assert (method.status, len(method.scored.failures)) == ("done", 0)
     return Results(root)
 
 

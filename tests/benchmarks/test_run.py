@@ -54,7 +54,7 @@ class TestRows:
         assert [method.status for method in methods.values()] == ["done"] * 4
         # two sources, two renderers, four methods, and both sources have the same past
         assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
-        assert set(methods["a--r"].seconds) == {
+        assert set(methods["a--r"].scored.seconds) == {
             "observe",
             "motion",
             "reconstruct",
@@ -242,10 +242,10 @@ class TestFailures:
             {"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}}
         )
         method = go(tmp_path, tables, keep="0")["broken"]
-        assert (method.status, method.num_clips, len(method.failures)) == ("done", 5, 2)
+        assert (method.status, method.num_clips, len(method.scored.failures)) == ("done", 5, 2)
         assert "the road ended" in method.traceback
         reason = "ZeroDivisionError: the road ended"
-        assert [failure.reason for failure in method.failures.values()] == [reason] * 2
+        assert [failure.reason for failure in method.scored.failures.values()] == [reason] * 2
         copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
         assert copied == [1.0, 2.0]  # the road gets brighter by one a frame
         tried = len(log.read_text().split())
@@ -272,9 +272,9 @@ class TestFailures:
         log = tmp_path / "log"
         picky = {"name": "toy-picky", "brightness": 32, "log": str(log)}
         matrix = content({"clips": 5}, predictors={"picky": picky})
-        assert go(tmp_path, matrix)["picky"].failures.keys() == {"road/003", "road/004"}
+        assert go(tmp_path, matrix)["picky"].scored.failures.keys() == {"road/003", "road/004"}
         tried = log.read_text()
-        assert go(tmp_path, matrix)["picky"].failures.keys() == {"road/003", "road/004"}
+        assert go(tmp_path, matrix)["picky"].scored.failures.keys() == {"road/003", "road/004"}
         assert log.read_text() == tried
 
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def test_the_newest_scores_of_wanted_clips_count_also_when_merged(tmp_path: Path
     file_of(results, rows_of("a", 2.0), ["a"], "f", {}, {"view": 1.0}, 1.0)
     for _ in range(2):
         assert values(results) == [2.0, 1.0]
-        assert results.by_name()["x"].seconds["view"] == pytest.approx(2.0)
+        assert results.by_name()["x"].scored.seconds["view"] == pytest.approx(2.0)
         assert [*results.by_name()["x"].scored] == ["a", "b"]
         results.merge([results.by_name()["x"]])
     assert len(list((tmp_path / "x/scores").iterdir())) == 1
@@ -273,5 +273,5 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
         facts = {name: {"yaw_deg": float(index)}}
         record = ScoreRecord("x", [name], "f", failures=failures, facts=facts)
         results.write_scores([(rows_of(name, 1.0), record)])
-    assert results.by_name()["x"].failures == failures
+    assert results.by_name()["x"].scored.failures == failures
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}

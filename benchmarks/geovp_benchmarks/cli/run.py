@@ -111,7 +111,9 @@ def exit_code(methods: Sequence[Method]) -> int:
             f"{outdated} of {len(methods)} methods have scores of another version of the code: "
             "`geovp run --fresh` recomputes them"
         )
-    if incomplete := sum(method.status != "done" or bool(method.failures) for method in methods):
+    if incomplete := sum(
+        method.status != "done" or bool(method.scored.failures) for method in methods
+    ):
         logger.error(
             f"{incomplete} of {len(methods)} methods are not done, or failed on some clips: see "
             "below the table"

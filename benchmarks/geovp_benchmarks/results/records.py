@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf
 from typing_extensions import TypedDict
 
-from geovp_benchmarks.results.score_files import Failure, ScoreRecord, seconds
+from geovp_benchmarks.results.score_files import NewestRecords
 from geovp_benchmarks.results.validation import validated
 from geovp_classic import files
 from geovp_classic.errors import BadData
@@ -60,7 +60,7 @@ class Method(BaseModel):
     asked: dict[str, Any] = {}  # settings in the matrix file, and the protocol's fingerprint
 
     # how the clips that have scores were scored; not stored here
-    scored: dict[str, ScoreRecord] = Field({}, exclude=True)
+    scored: InstanceOf[NewestRecords] = Field(NewestRecords(), exclude=True)
 
     @property
     def num_clips(self) -> int:
@@ -71,22 +71,6 @@ class Method(BaseModel):
     def num_outdated(self) -> int:
         """Return the number of clips whose scores other code than the last run's computed."""
         return sum(record.code != self.code for record in self.scored.values())
-
-    @property
-    def failures(self) -> dict[str, Failure]:
-        """Return why clips could not be predicted; they are scored as copies of the last frame."""
-        scored = self.scored.items()
-        return {clip: record.failures[clip] for clip, record in scored if clip in record.failures}
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """Return the seconds of all clips by stage."""
-        return seconds(self.scored.values())
-
-    @property
-    def peak_memory_mb(self) -> float:
-        """Return the highest peak memory of its predictions, 0 if unknown."""
-        return max((record.peak_memory_mb for record in self.scored.values()), default=0.0)
 
 
 def read(path: Path, kind: Any, **more: Any) -> Any:

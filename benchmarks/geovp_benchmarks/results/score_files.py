@@ -67,7 +67,61 @@ class ScoreRecord:
         return json.dumps([self.fingerprint, self.metrics, self.code], sort_keys=True)
 
 
-Newest = Mapping[str, ScoreRecord]  # the newest record of each clip
+class NewestRecords(dict[str, ScoreRecord]):
+    """How clips of a method were scored: the newest record of each."""
+
+    @classmethod
+    def of(cls, records: Iterable[ScoreRecord]) -> Self:
+        """Return the newest record of each clip that is in records."""
+        newest = cls()
+        for record in sorted(records, key=lambda record: record.written_ns):
+            newest.update(dict.fromkeys(record.clips, record))
+        return newest
+
+    @property
+    def failures(self) -> dict[str, Failure]:
+        """Return why clips could not be predicted; they are scored as copies of the last frame."""
+        records = self.items()
+        return {clip: record.failures[clip] for clip, record in records if clip in record.failures}
+
+    @property
+    def facts(self) -> dict[str, dict[str, float]]:
+        """Return numbers that are known of the clips themselves, by clip and name."""
+        records = self.items()
+        return {clip: record.facts[clip] for clip, record in records if clip in record.facts}
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Return the seconds of all clips by stage."""
+        total_s: defaultdict[str, float] = defaultdict(float)
+        for record, num_clips in Counter(self.values()).items():
+            for stage, time_s in record.seconds.items():
+                total_s[stage] += time_s * num_clips / len(record.clips)
+        return dict(total_s)
+
+    @property
+    def peak_memory_mb(self) -> float:
+        """Return the highest peak memory of the predictions, 0 if unknown."""
+        return max((record.peak_memory_mb for record in self.values()), default=0.0)
+
+    @property
+    def joined(self) -> list[ScoreRecord]:
+        """Return one record for all clips that were scored alike."""
+        groups: dict[str, NewestRecords] = {}
+        for clip, record in self.items():
+            groups.setdefault(record.settings, NewestRecords())[clip] = record
+        return [
+            replace(
+                next(iter(group.values())),
+                clips=sorted(group),
+                seconds=group.seconds,
+                peak_memory_mb=group.peak_memory_mb,
+                failures=group.failures,
+                written_ns=max(record.written_ns for record in group.values()),
+                facts=group.facts,
+            )
+            for group in groups.values()
+        ]
 
 
 class ScoreFiles:
@@ -103,7 +157,9 @@ class ScoreFiles:
                 of_method.append(replace(record, path=Path(name)))
         return by_method
 
-    def scores(self, records: Mapping[str, Newest], clips: Sequence[str]) -> dict[str, Scores]:
+    def scores(
+        self, records: Mapping[str, NewestRecords], clips: Sequence[str]
+    ) -> dict[str, Scores]:
         """Return all scores of these clips by method."""
         self._select(records, clips)
         self._database.execute(  # all scores in one array: where those of a method and metric end
@@ -137,7 +193,8 @@ class ScoreFiles:
             "if(isnan(value), NULL, value) AS value FROM rows"
         )
         now = time.time_ns()
-        self._copy(query, method, newest(replace(record, written_ns=now) for _, record in scored))
+        records = (replace(record, written_ns=now) for _, record in scored)
+        self._copy(query, method, NewestRecords.of(records))
 
     def merge(self, method: str, fingerprint: str) -> None:
         """Merge the score files of one fingerprint in the folder of a method."""
@@ -150,7 +207,7 @@ class ScoreFiles:
         paths = {record.path for record in records}
         if len(paths) < 2:
             return
-        latest = newest(records)
+        latest = NewestRecords.of(records)
         self._select({method: latest}, [*latest])
         query = (
             "SELECT method, clip, sample, step, metric, value FROM selected "
@@ -165,7 +222,7 @@ class ScoreFiles:
         table = np.array(rows, list(kinds.items()))
         self._database.register("rows", {name: table[name].copy() for name in kinds})
 
-    def _select(self, records: Mapping[str, Newest], clips: Sequence[str]) -> None:
+    def _select(self, records: Mapping[str, NewestRecords], clips: Sequence[str]) -> None:
         """Define the view `selected` of the rows of some clips, with their `number`."""
         numbers = {clip: number for number, clip in enumerate(clips)}
         rows = [
@@ -183,9 +240,9 @@ class ScoreFiles:
             "USING (filename, method, clip)"
         )
 
-    def _copy(self, query: str, method: str, latest: Newest) -> Path:
+    def _copy(self, query: str, method: str, latest: NewestRecords) -> Path:
         """Write the rows of a query into a new score file with the records as metadata."""
-        records = adapter(list[ScoreRecord]).dump_python(_joined(latest))
+        records = adapter(list[ScoreRecord]).dump_python(latest.joined)
         folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{uuid.uuid4()}.part"
@@ -201,48 +258,6 @@ class ScoreFiles:
         finally:
             scratch.unlink(missing_ok=True)
         return path
-
-
-def newest(records: Iterable[ScoreRecord]) -> dict[str, ScoreRecord]:
-    """Return the newest record of each clip."""
-    latest: dict[str, ScoreRecord] = {}
-    for record in sorted(records, key=lambda record: record.written_ns):
-        latest |= dict.fromkeys(record.clips, record)
-    return latest
-
-
-def _joined(latest: Newest) -> list[ScoreRecord]:
-    """Return one record for all clips that were scored alike."""
-    groups: dict[str, dict[str, ScoreRecord]] = {}
-    for clip, record in latest.items():
-        groups.setdefault(record.settings, {})[clip] = record
-    return [
-        replace(
-            next(iter(group.values())),
-            clips=sorted(group),
-            seconds=seconds(group.values()),
-            peak_memory_mb=max(record.peak_memory_mb for record in group.values()),
-            failures={
-                clip: record.failures[clip]
-                for clip, record in group.items()
-                if clip in record.failures
-            },
-            written_ns=max(record.written_ns for record in group.values()),
-            facts={
-                clip: record.facts[clip] for clip, record in group.items() if clip in record.facts
-            },
-        )
-        for group in groups.values()
-    ]
-
-
-def seconds(records: Iterable[ScoreRecord]) -> dict[str, float]:
-    """Return the sum of the seconds of clips by stage, from the record of each."""
-    total_s: defaultdict[str, float] = defaultdict(float)
-    for record, num_clips in Counter(records).items():
-        for stage, time_s in record.seconds.items():
-            total_s[stage] += time_s * num_clips / len(record.clips)
-    return dict(total_s)
 
 
 def _digest(path: Path) -> str:

@@ -25,7 +25,7 @@ import duckdb
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.kept_files import KeptFiles
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import ScoreFiles, ScoreRecord, newest
+from geovp_benchmarks.results.score_files import NewestRecords, ScoreFiles, ScoreRecord
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
@@ -115,17 +115,17 @@ class Results:
             if path.exists():
                 method: Method = records.read(path, Method, name=name)
                 stored = self.scored(name, method.fingerprint)
-                scored = {clip: stored[clip] for clip in clips if clip in stored}
+                scored = NewestRecords({clip: stored[clip] for clip in clips if clip in stored})
                 is_partial = method.status == "done" and len(scored) < len(clips)
                 status = "partial" if is_partial else method.status
                 methods[name] = method.model_copy(update={"scored": scored, "status": status})
         return methods
 
     @_remembered
-    def scored(self, method: str, fingerprint: str) -> dict[str, ScoreRecord]:
+    def scored(self, method: str, fingerprint: str) -> NewestRecords:
         """Return how all clips of a method were scored, without damaged files."""
         of_method = self._score_files.records.get(method, ())
-        return newest(each for each in of_method if each.fingerprint == fingerprint)
+        return NewestRecords.of(each for each in of_method if each.fingerprint == fingerprint)
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
@@ -138,7 +138,7 @@ class Results:
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
         """Return the scores of all methods; one query reads methods that share their files."""
-        groups: dict[frozenset[Path], dict[str, dict[str, ScoreRecord]]] = {}
+        groups: dict[frozenset[Path], dict[str, NewestRecords]] = {}
         for name, method in self.by_name().items():
             paths = frozenset(record.path for record in method.scored.values())
             groups.setdefault(paths, {})[name] = method.scored
@@ -150,12 +150,10 @@ class Results:
 
     def clip_facts(self) -> dict[str, dict[str, float]]:
         """Return numbers that are known of the clips themselves, by clip and name."""
-        return {
-            clip: record.facts[clip]
-            for method in self.by_name().values()
-            for clip, record in method.scored.items()
-            if clip in record.facts
-        }
+        facts: dict[str, dict[str, float]] = {}
+        for method in self.by_name().values():
+            facts |= method.scored.facts
+        return facts
 
     def predictions(self, method: Method) -> KeptFiles[Prediction]:
         """Return the kept predictions of a method."""

@@ -1,6 +1,5 @@
 """Dry run: what a run would compute, and about how long."""
 
-from geovp_benchmarks.results.score_files import seconds
 from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.tables.formats import grid
 
@@ -18,7 +17,7 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
         scored = plan.results.scored(method.name, method.fingerprint)
         note = method.reason or "unknown"
         if scored:
-            per_clip_s = sum(seconds(scored.values()).values()) / len(scored)
+            per_clip_s = sum(scored.seconds.values()) / len(scored)
             note = f"{per_clip_s:.2f}"
             total_s += len(clips) * per_clip_s
         lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])

@@ -64,7 +64,7 @@ def _rescored(
             [name],
             method.fingerprint,
             seconds=usage.seconds,
-            failures=method.failures,
+            failures=method.scored.failures,
             facts={name: clip.facts},
         )
         yield scores, record

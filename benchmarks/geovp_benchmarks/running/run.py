@@ -103,13 +103,13 @@ def finish(plan: Plan, batch: Sequence[Scored]) -> None:
     results.merge(methods)
     stored = results.by_name()
     for method in methods:
-        scored = stored[method.name]
+        scored = stored[method.name].scored
         failures = [*scored.failures.values()]
         if failures:
             first = failures[0]
             logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
             outcome = {"traceback": first.traceback}
-            if len(failures) == scored.num_clips:  # nothing was predicted
+            if len(failures) == len(scored):  # nothing was predicted
                 outcome = first._asdict()
                 results.discard(method)  # so that the next run tries again
             results.write_method(method.model_copy(update=outcome))

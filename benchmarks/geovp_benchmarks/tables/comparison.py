@@ -52,7 +52,7 @@ def _facts(results: Results) -> dict[str, Any]:
         "code": sorted({record.code for record in scored}),
         "metrics": {name: spec for record in scored for name, spec in record.metrics.items()},
         "failures, scored as copies of the last frame": {
-            clip: failure.reason for clip, failure in method.failures.items()
+            clip: failure.reason for clip, failure in method.scored.failures.items()
         },
     }
 

@@ -24,7 +24,7 @@ def method_scores(
     for num_steps in horizons:
         first = stored.means(num_steps)
         columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
-    failed = np.isin(clips, [*method.failures]) & strict
+    failed = np.isin(clips, [*method.scored.failures]) & strict
     for values in columns.values():
         values[failed] = np.nan
     lines = []
