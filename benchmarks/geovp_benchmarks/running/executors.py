@@ -12,8 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from geovp_classic import registry
-from geovp_classic.errors import BadData, GeovpError, MissingExtra
+from geovp_classic.errors import BadData, GeovpError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -83,14 +82,10 @@ class Dask:
     @contextmanager
     def open(self) -> Iterator[Pool]:
         """Yield the cluster; raise BadData if no scheduler or worker answers."""
+        from dask.distributed import Client
+
         try:
-            import distributed
-        except ModuleNotFoundError as error:
-            raise MissingExtra(
-                f"a Dask cluster needs dask: {registry.install_command('cluster')}"
-            ) from error
-        try:
-            client = distributed.Client(self.address, timeout=self.timeout_s)
+            client = Client(self.address, timeout=self.timeout_s)
             client.wait_for_workers(1, timeout=self.timeout_s)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             raise BadData(
