@@ -1,7 +1,5 @@
 """Scores of kept predictions with other metrics: nothing is predicted, no data set is needed."""
 
-from collections.abc import Iterator
-
 from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
@@ -43,28 +41,28 @@ def rescore(results: Results, output: Results, metrics: Metrics) -> None:
     for method in tracked(results.methods()):
         status = "done" if method.status == "partial" else method.status  # if no clip lacks scores
         output.write_method(method.model_copy(update={"code": "", "status": status}))
-        output.write_scores([*_rescored(results, output, method, metrics)])
+        names = set(results.predictions(method).names).intersection(clips)
+        scored = [_rescored(results, output, method, metrics, name) for name in sorted(names)]
+        output.write_scores(scored)
 
 
 def _rescored(
-    results: Results, output: Results, method: Method, metrics: Metrics
-) -> Iterator[Scored]:
-    """Copy the kept predictions of a method; yield their scores."""
-    protocol, predictions = output.protocol(), results.predictions(method)
-    for name in sorted(set(protocol["clips"]).intersection(predictions.names)):
-        clip = ScoredClip(results.clips().read(name), protocol["num_past"])
-        prediction = predictions.read(name)
-        output.clips().write(name, clip.clip)
-        output.predictions(method).write(name, prediction)
-        usage = Usage({})
-        with usage.measure("metrics"):
-            scores = score(clip, prediction, metrics)
-        record = ScoreRecord(
-            method.name,
-            [name],
-            method.fingerprint,
-            seconds=usage.seconds,
-            failures=method.scored.failures,
-            facts={name: clip.facts},
-        )
-        yield scores, record
+    results: Results, output: Results, method: Method, metrics: Metrics, name: str
+) -> Scored:
+    """Copy the kept prediction of a clip; return its scores."""
+    clip = ScoredClip(results.clips().read(name), results.protocol()["num_past"])
+    prediction = results.predictions(method).read(name)
+    output.clips().write(name, clip.clip)
+    output.predictions(method).write(name, prediction)
+    usage = Usage({})
+    with usage.measure("metrics"):
+        scores = score(clip, prediction, metrics)
+    record = ScoreRecord(
+        method.name,
+        [name],
+        method.fingerprint,
+        seconds=usage.seconds,
+        failures=method.scored.failures,
+        facts={name: clip.facts},
+    )
+    return scores, record
