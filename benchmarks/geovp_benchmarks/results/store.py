@@ -221,7 +221,7 @@ class Results:
     def discard(self, method: Method) -> None:
         """Remove scores and predictions of a method; those of other settings stay."""
         predictions = self.predictions(method)
-        paths = {record.path for record in self.scored(method.name, method.fingerprint).values()}
+        paths = {record.path for record in method.scored.values()}
         for path in paths.union(map(predictions.path, predictions.names)):
             if path.parent != self.root / "scores":  # of several methods
                 path.unlink(missing_ok=True)

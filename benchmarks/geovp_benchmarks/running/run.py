@@ -111,5 +111,5 @@ def finish(plan: Plan, batch: Sequence[Scored]) -> None:
             outcome = {"traceback": first.traceback}
             if len(failures) == len(scored):  # nothing was predicted
                 outcome = first._asdict()
-                results.discard(method)  # so that the next run tries again
+                results.discard(stored[method.name])  # so that the next run tries again
             results.write_method(method.model_copy(update=outcome))
