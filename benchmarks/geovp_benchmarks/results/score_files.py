@@ -162,25 +162,15 @@ class ScoreFiles:
     ) -> dict[str, Scores]:
         """Return all scores of these clips by method."""
         self._select(records, clips)
-        self._database.execute(  # all scores in one array: where those of a method and metric end
-            "CREATE OR REPLACE TABLE extents AS WITH sizes AS ("
-            "SELECT method, metric, max(max(sample) + 1) OVER (PARTITION BY method) AS samples, "
-            "max(max(step)) OVER (PARTITION BY method) AS steps, "
-            "($clips * samples * steps)::BIGINT AS size FROM selected GROUP BY 1, 2) "
-            "SELECT *, (sum(size) OVER (ORDER BY method, metric))::BIGINT AS stop FROM sizes",
-            {"clips": len(clips)},
-        )
-        extents = self._database.execute("FROM extents ORDER BY stop").fetchall()
         columns = self._database.execute(
-            "SELECT stop - size + (number * samples + sample) * steps + step - 1 AS place, "
-            "coalesce(value, 'nan') AS value FROM selected JOIN extents USING (method, metric)"
+            "SELECT method, metric, list(number), list(sample), list(step - 1), "
+            "list(coalesce(value, 'nan')) FROM selected GROUP BY ALL ORDER BY ALL"
         ).fetchnumpy()
-        values = np.full(sum(size for *_, size, _ in extents), np.nan)
-        values[columns["place"]] = columns["value"]
         by_method: dict[str, dict[str, FloatArray]] = {}
-        for method, metric, samples, steps, size, stop in extents:
-            shaped = values[stop - size : stop].reshape(len(clips), samples, steps)
-            by_method.setdefault(method, {})[metric] = shaped
+        for method, metric, numbers, samples, steps, values in zip(*columns.values(), strict=True):
+            scores = np.full((len(clips), samples.max() + 1, steps.max() + 1), np.nan)
+            scores[numbers, samples, steps] = values
+            by_method.setdefault(method, {})[metric] = scores
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
