@@ -41,13 +41,8 @@ class KeptFiles(Generic[Kept]):
 
     def write(self, clip: str, value: Kept) -> None:
         """Write all fields but those that are None; a clip without its full and right views."""
-        arrays = {
-            field: array
-            for field, array in _flattened(value)
-            if not field.startswith(("full.", "right."))
-        }
         stream = io.BytesIO()  # a zip file raises a second error when it is closed on a full disk
-        np.savez_compressed(stream, **arrays)
+        np.savez_compressed(stream, **dict(_flattened(value)))
         write_bytes(self.path(clip), stream.getvalue())
 
     def read(self, clip: str) -> Kept:
@@ -80,7 +75,8 @@ def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     for field in fields(value):
         item = getattr(value, field.name)
         if is_dataclass(item):
-            yield from _flattened(item, f"{prefix}{field.name}.")
+            if field.name in NESTED:  # not the full and right views of a clip
+                yield from _flattened(item, f"{prefix}{field.name}.")
         elif item is not None:
             yield prefix + field.name, item
 
