@@ -1,6 +1,6 @@
 """Plan of a run: the clips, the records of protocol and methods, and what each method lacks."""
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -132,9 +132,10 @@ class Plan:
                 missing.discard(clip)
         return missing | (self.stored_clips - predicted)
 
-    def tasks(self, missing: Mapping[str, Set[str]]) -> Iterator[Task]:
-        """Yield a task for each clip that some methods lack, by their names."""
+    def tasks(self) -> Iterator[Task]:
+        """Yield a task for each clip that some methods lack."""
         matrix, root = self.matrix.model_dump_json(), self.results.root
+        missing = {method.name: self.missing(method) for method in self.methods}
         for index, clip in enumerate(self.clips):
             methods = [method for method in self.methods if clip in missing[method.name]]
             if methods:

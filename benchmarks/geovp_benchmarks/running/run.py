@@ -18,17 +18,6 @@ from geovp_benchmarks.running.task import Scored, score_clip
 logger = logging.getLogger(__name__)
 
 
-def run(plan: Plan, executor: Executor) -> list[Method]:
-    """Compute missing and outdated scores, and return all methods.
-
-    Raises BadData if the matrix, the data set or the folder is unsuitable.
-    """
-    with results_lock(plan.results.root):
-        announce("building components and metrics")
-        compute_missing(plan, executor)
-    return plan.results.methods()
-
-
 @contextmanager
 def results_lock(root: Path) -> Iterator[None]:
     """Hold a results folder after another run has ended; the lock ends with the process."""
@@ -48,20 +37,25 @@ def results_lock(root: Path) -> Iterator[None]:
         lock.release()
 
 
-def compute_missing(plan: Plan, executor: Executor, interval_s: float = 2.0) -> None:
-    """Predict and score the clips that methods lack; write scores at intervals and at the end."""
-    begin(plan)
-    missing = {method.name: plan.missing(method) for method in plan.methods}
-    num_missing = sum(len(clips) for clips in missing.values())
-    num_done = 0
-    report(num_done, num_missing)
-    announce("first prediction: reading a clip, loading or compiling code")
-    batch: list[Scored] = []
-    written_s = 0.0
+def run(plan: Plan, executor: Executor, interval_s: float = 2.0) -> list[Method]:
+    """Compute missing and outdated scores, and return all methods.
+
+    Scores are written at intervals and at the end. Raises BadData if the matrix, the data set or
+    the folder is unsuitable.
+    """
     # DuckDB would turn an interrupt of the main thread into an error of its own
-    with futures.ThreadPoolExecutor(1) as writer:
+    with results_lock(plan.results.root), futures.ThreadPoolExecutor(1) as writer:
+        announce("building components and metrics")
+        begin(plan)
+        tasks = [*plan.tasks()]
+        num_missing = sum(len(task.methods) for task in tasks)
+        num_done = 0
+        report(num_done, num_missing)
+        announce("first prediction: reading a clip, loading or compiling code")
+        batch: list[Scored] = []
+        written_s = 0.0
         try:
-            for results in completed(executor, score_clip, plan.tasks(missing), interval_s):
+            for results in completed(executor, score_clip, tasks, interval_s):
                 for scored in results:
                     batch += scored
                     num_done += len(scored)
@@ -75,6 +69,7 @@ def compute_missing(plan: Plan, executor: Executor, interval_s: float = 2.0) -> 
                     written_s = time.monotonic()
         finally:
             writer.submit(finish, plan, batch).result()
+    return plan.results.methods()
 
 
 def begin(plan: Plan) -> None:
