@@ -4,7 +4,6 @@ from geovp_benchmarks.matrix.values import Specs
 from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord
-from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_benchmarks.running.task import Scored
 from geovp_classic.errors import BadData
@@ -54,14 +53,11 @@ def _rescored(
     prediction = results.predictions(method).read(name)
     output.clips().write(name, clip.clip)
     output.predictions(method).write(name, prediction)
-    usage = Usage({})
-    with usage.measure("metrics"):
-        scores = score(clip, prediction, metrics)
+    scores = score(clip, prediction, metrics)
     record = ScoreRecord(
         method.name,
         [name],
         method.fingerprint,
-        seconds=usage.seconds,
         failures=method.scored.failures,
         facts={name: clip.facts},
     )
