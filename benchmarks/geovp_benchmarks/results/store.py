@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,18 +46,15 @@ def _remembered(read: Callable[..., Item]) -> Callable[..., Item]:
 
     @functools.wraps(read)
     def reader(results: Results, *args: Any) -> Item:
-        key = (results, read.__name__, *args)
-        num_tries = 0
-        while key not in results.memory:
-            try:
-                results.memory[key] = read(results, *args)
-            except (FileNotFoundError, duckdb.IOException):
-                num_tries += 1
-                if num_tries == 5:
-                    raise
-                results.memory.clear()
-        value: Item = results.memory[key]
-        return value
+        key = (results, read, *args)
+        for _ in range(4):
+            with suppress(FileNotFoundError, duckdb.IOException):
+                if key not in results.memory:
+                    results.memory[key] = read(results, *args)
+                value: Item = results.memory[key]
+                return value
+            results.memory.clear()
+        return read(results, *args)
 
     return reader
 

@@ -82,7 +82,7 @@ def begin(plan: Plan) -> None:
     stored = results.by_name()
     for method in plan.methods:
         before = stored.get(method.name)
-        is_same = before is not None and before.num_clips and before.asked == method.asked
+        is_same = before and before.num_clips and before.asked == method.asked
         if method.fingerprint or not is_same:  # else another machine could build and run it
             results.write_method(method)
     for path in results.damaged_files():
