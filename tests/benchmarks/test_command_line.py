@@ -106,6 +106,14 @@ class TestDryRun:
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
+    def test_clips_of_an_earlier_run_are_stored_after_a_run_of_fewer(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
+        printed(*run(tmp_path))
+        printed(*run(tmp_path, "--limit", "2"))
+        text = printed(*run(tmp_path, "--dry-run", "--keep", "0"))
+        assert "predictions: 0 to do, 10 stored" in text
+
 
 @pytest.mark.usefixtures("toys")
 class TestAmounts:
