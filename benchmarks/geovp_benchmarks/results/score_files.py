@@ -136,8 +136,8 @@ class ScoreFiles:
 
     @cached_property
     def _paths(self) -> list[Path]:
-        patterns = ("scores/part-*.parquet", "*/scores/part-*.parquet")
-        return [path for pattern in patterns for path in sorted(self.root.glob(pattern))]
+        shared = self.root.glob("scores/part-*.parquet")  # by methods
+        return sorted([*shared, *self.root.glob("*/scores/part-*.parquet")])
 
     @cached_property
     def damaged(self) -> list[Path]:
