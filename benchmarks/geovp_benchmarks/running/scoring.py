@@ -1,6 +1,7 @@
 """Metrics of a matrix, and the scores of one prediction."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -148,12 +149,12 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
             f"{num_futures} predicted futures for {num_samples} samples, expected one each or one "
             "for all"
         )
-    samples: dict[str, list[FloatArray]] = {}
+    samples: defaultdict[str, list[FloatArray]] = defaultdict(list)
     for sample in range(num_samples):
         if sample % 5 == 4:  # 100 samples of 256x256 took 1.2 GB more without this, with LPIPS
             release_free_memory()
         for name, values in _values(clip, prediction, sample, metrics):
-            samples.setdefault(name, []).append(values)
+            samples[name].append(values)
     stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
     return Scores([clip.clip.name], stacked)
 
