@@ -4,6 +4,7 @@ such as "motion.past.world_from_cam".
 
 import io
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -49,21 +50,17 @@ class KeptFiles(Generic[Kept]):
         """Return a clip or prediction; raise BadData for a missing file or other arrays."""
         path = self.path(clip)
         arrays = files.read_npz(path)
-        try:
+        with files.checked(f"{path} holds another {self.kind.__name__}", "remove it"):
             value: Kept = _built(self.kind, arrays)
-        except (TypeError, ValueError, AttributeError, KeyError, BadData) as problem:
-            kind = self.kind.__name__
-            raise BadData(f"{path} holds another {kind} ({problem}): remove it") from problem
         return value
 
 
 def is_whole(path: Path) -> bool:
     """Return whether a file is as it was written."""
-    try:
+    with suppress(BadData):
         files.read_npz(path)
-    except BadData:
-        return False
-    return True
+        return True
+    return False
 
 
 def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
