@@ -162,14 +162,16 @@ class ScoreFiles:
     ) -> dict[str, Scores]:
         """Return all scores of these clips by method."""
         self._select(records, clips)
-        columns = self._database.execute(
-            "SELECT method, metric, list(number), list(sample), list(step - 1), "
+        columns = self._database.execute(  # clip, sample and step in one number: lists are slow
+            "SELECT method, metric, max(sample) + 1, max(step), "
+            "list((number::BIGINT * 1000000 + sample) * 1000000 + step - 1), "
             "list(coalesce(value, 'nan')) FROM selected GROUP BY ALL ORDER BY ALL"
         ).fetchnumpy()
+        grid = len(clips), 10**6, 10**6
         by_method: dict[str, dict[str, FloatArray]] = {}
-        for method, metric, numbers, samples, steps, values in zip(*columns.values(), strict=True):
-            scores = np.full((len(clips), samples.max() + 1, steps.max() + 1), np.nan)
-            scores[numbers, samples, steps] = values
+        for method, metric, samples, steps, places, values in zip(*columns.values(), strict=True):
+            scores = np.full((len(clips), samples, steps), np.nan)
+            scores[np.unravel_index(places, grid)] = values
             by_method.setdefault(method, {})[metric] = scores
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
