@@ -1,6 +1,6 @@
 """List components, or print one as TOML.
 
-The TOML can be pasted into a matrix file.
+The TOML can be pasted into a matrix file; its keys are those of `geovp run --set`.
 
 Examples:
   geovp list
@@ -17,6 +17,7 @@ import inspect
 import itertools
 import json
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> Lines:
             for entry in sorted(metadata.entry_points(group=f"geovp.{role}")):
                 yield f"  {summary(entry)}"
     elif roles:
-        yield "\n\n".join(as_toml(role, args.name) for role in roles)
+        yield "\n\n".join("\n".join(as_toml(role, args.name)) for role in roles)
     else:
         words = ["matrices", "protocols", *names_of, *itertools.chain(*names_of.values())]
         nearest = registry.nearest(args.name, words)
@@ -63,13 +64,16 @@ def run(args: argparse.Namespace) -> Lines:
 
 
 def summary(entry: metadata.EntryPoint) -> str:
-    """Return a component's name, package and explanation."""
-    text, package = entry.name, entry.dist.name if entry.dist else ""
-    if package != "geovp":
-        text += f" [{package}]"
-    docstring = re.search(
-        rf'^class {entry.attr}\b.*?"""(.*?)"""', source(entry.module), re.M | re.S
-    )
+    """Return a component's name, package and explanation; its module is not imported."""
+    text, distribution = entry.name, entry.dist.name if entry.dist else ""
+    if distribution != "geovp":
+        text += f" [{distribution}]"
+    package, *names = entry.module.split(".")
+    spec = importlib.util.find_spec(package)
+    path = Path(spec.origin or "" if spec else "")
+    path = path.parent.joinpath(*names or [path.name]).with_suffix(".py")
+    source = path.read_text("utf-8") if path.is_file() else ""
+    docstring = re.search(rf'^class {entry.attr}\b.*?"""(.*?)"""', source, re.M | re.S)
     return f"{text}: {first_sentence(docstring[1])}" if docstring else text
 
 
@@ -78,18 +82,8 @@ def first_sentence(text: str) -> str:
     return re.split(r"\.\s+(?=[A-Z`])", " ".join(text.split()))[0].removesuffix(".")
 
 
-def source(module: str) -> str:
-    """Return the source of a module, without importing it; "" for a package."""
-    package, *names = module.split(".")
-    spec = importlib.util.find_spec(package)
-    path = Path(spec.origin or "") if spec else Path()
-    if names:
-        path = path.parent.joinpath(*names).with_suffix(".py")
-    return path.read_text("utf-8") if path.is_file() else ""
-
-
-def as_toml(role: str, name: str) -> str:
-    """Return a component as TOML for a matrix file, with explanations as comments."""
+def as_toml(role: str, name: str) -> Iterator[str]:
+    """Yield a component as TOML for a matrix file, with explanations as comments."""
     from geovp_classic import registry
     from geovp_classic.types import PrivilegedInput
 
@@ -98,21 +92,18 @@ def as_toml(role: str, name: str) -> str:
     lines = [f"{name} ({role})", "", *(inspect.getdoc(kind) or "").splitlines()]
     with suppress(GeovpError):  # a required field, or missing weights
         component = registry.build(role, name)
-        needs = getattr(component, "needs", PrivilegedInput.NONE)
-        inputs = [str(flag.name).lower().replace("_", " ") for flag in needs]
-        lines.append(f"privileged inputs: {', '.join(inputs) or 'none'}")
+        inputs = str(getattr(component, "needs", PrivilegedInput.NONE).name).lower()
+        lines.append(f"privileged inputs: {inputs.replace('_', ' ').replace('|', ', ')}")
     lines.append(f"from {kind.__module__}:{kind.__qualname__}")
-    lines = [f"# {line}".rstrip() for line in lines]
-    # Of these roles, a component is a table of a matrix file
-    heading = f"{role}.{name}" if role in ("pose_sources", "renderers", "predictors") else ""
-    if heading:
-        lines.append(f"[{heading}]")
-    fields = table_lines(kind, component, heading)
-    return "\n".join([*lines, f'name = "{name}"', *fields])
+    yield from (f"# {line}".rstrip() for line in lines)
+    if role in ("pose_sources", "renderers", "predictors"):  # tables of a matrix file
+        yield f"[{role}.{name}]"
+    yield f'name = "{name}"'
+    yield from field_lines(kind, component)
 
 
-def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
-    """Return the fields of a dataclass as TOML; those that are dataclasses follow as tables.
+def field_lines(kind: type, settings: Any, prefix: str = "") -> Iterator[str]:
+    """Yield the fields of a dataclass as TOML; the keys of those that are dataclasses are dotted.
 
     `settings` is an instance, or None for the defaults.
     """
@@ -120,32 +111,17 @@ def table_lines(kind: type, settings: Any, heading: str) -> list[str]:
 
     sources = "".join(inspect.getsource(parent) for parent in reversed(kind.__mro__[:-1]))
     comments = dict(re.findall(r"^    (\w+): .*?(  # .+)$", sources, re.MULTILINE))
-    lines, tables = [], []
     for field in dataclasses.fields(kind):
         value = getattr(settings, field.name, field.default)
         if value is dataclasses.MISSING is not field.default_factory:
             value = field.default_factory()
-        comment = comments.get(field.name, "")
-        values = value if isinstance(value, tuple) else (value,)
+        key, comment = prefix + field.name, comments.get(field.name, "")
         if value is dataclasses.MISSING:
-            lines.append(f"# {field.name} =   (required){comment}")
-        elif values and all(map(dataclasses.is_dataclass, values)):
-            path = f"{heading}.{field.name}".removeprefix(".")
-            title = f"[[{path}]]" if values is value else f"[{path}]"
-            for nested in values:
-                tables += ["", f"{title}{comment}"]
-                with suppress(UnknownComponent):  # other settings have no name
-                    tables.append(f'name = "{registry.name_of(nested)}"')
-                tables += table_lines(type(nested), nested, path)
+            yield f"# {key} =   (required){comment}"
+        elif dataclasses.is_dataclass(value):
+            with suppress(UnknownComponent):  # other settings have no name
+                yield f'{key}.name = "{registry.name_of(value)}"'
+            yield from field_lines(type(value), value, f"{key}.")
         else:
-            lines.append(f"{field.name} = {toml_value(value)}{comment}")
-    return lines + tables
-
-
-def toml_value(value: Any) -> str:
-    """Return a value as TOML on one line."""
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml_value, value))}]"
-    if isinstance(value, (bool, str, Path)):
-        return json.dumps(value, default=str)
-    return '"none"' if value is None else str(value)
+            text = json.dumps(registry.NONE if value is None else value, default=registry.name_of)
+            yield f"{key} = {text}{comment}"
