@@ -11,23 +11,22 @@ from collections.abc import Sequence
 from geovp_benchmarks.cli.options import add_options, option
 from performance import clip, libraries, live, splat
 
-SECTIONS = {
-    "clip": lambda args: clip.lines(args.rounds, args.kitti, "crop"),
-    "full-clip": lambda args: clip.lines(args.rounds, args.kitti, "full"),
-    "live": lambda args: live.lines(10 * args.rounds, args.kitti),
-    "rendering": lambda args: [splat.comparison().line(args.rounds)],
-    "solvers": lambda args: [each.line(args.rounds) for each in libraries.problems()],
-}
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the sections."""
+    sections = {
+        "clip": lambda args: clip.lines(args.rounds, args.kitti, "crop"),
+        "full-clip": lambda args: clip.lines(args.rounds, args.kitti, "full"),
+        "live": lambda args: live.lines(10 * args.rounds, args.kitti),
+        "rendering": lambda args: [splat.comparison().line(args.rounds)],
+        "solvers": lambda args: [each.line(args.rounds) for each in libraries.problems()],
+    }
     parser = argparse.ArgumentParser(
         prog="PYTHONPATH=benchmarks python -m performance",
         description="Processing time of a clip, and of our code next to named rivals.",
     )
     options = {
-        "--only SECTION": option("Section. Default: all.", choices=SECTIONS),
+        "--only SECTION": option("Section. Default: all.", choices=sections),
         "--rounds N": option("Number of rounds after a warm-up. Default: 8.", 8),
         "--kitti TEXT": option(
             "Root and sequence of KITTI odometry. Default: the synthetic street.", nargs=2
@@ -35,8 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     add_options(parser, options)
     args = parser.parse_args(arguments)
-    for name in [args.only] if args.only else SECTIONS:
-        print(f"## {name}\n\n```text", *SECTIONS[name](args), "```\n", sep="\n")
+    for name in [args.only] if args.only else sections:
+        print(f"## {name}\n\n```text", *sections[name](args), "```\n", sep="\n")
 
 
 if __name__ == "__main__":

@@ -14,10 +14,8 @@ from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import FloatArray
 from performance import Comparison
-
-CAMERA = Intrinsics(700.0, 700.0, 620.0, 185.0, 1241, 376)
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Scene:
         points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (300, 3))
         poses = se3.exp(np.outer(np.arange(8), [0.02, 0, -0.7, 0, 0.01, 0]))
         in_camera = se3.transform(poses, points)
-        noise = 0.25 / CAMERA.fx_px
+        noise = 0.25 / 700.0  # a quarter of a pixel, at the focal length of KITTI
         rays = in_camera[..., :2] / in_camera[..., 2:]
         rays += rng.normal(0, noise, rays.shape)
         with_outliers = rays[-1].copy()

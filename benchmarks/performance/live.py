@@ -12,12 +12,10 @@ from geovp_benchmarks.running.profiling import peak_mb
 from geovp_classic.streaming import LivePredictor
 from performance import read_clip
 
-WARM_UP = 20  # frames
 
-
-def lines(num_frames: int, kitti: tuple[str, str] | None) -> list[str]:
+def lines(num_frames: int, kitti: tuple[str, str] | None, num_warm_up: int = 20) -> list[str]:
     """Return the medians of all stages in wall clock, after the warm-up."""
-    clip = read_clip(kitti, num_frames=WARM_UP + num_frames)
+    clip = read_clip(kitti, num_frames=num_warm_up + num_frames)
     live = LivePredictor(clip.intrinsics, clip.camera_height_m)
     seconds: list[dict[str, float]] = []
     for frame, time_s in zip(clip.frames, clip.times_s, strict=True):
@@ -29,7 +27,7 @@ def lines(num_frames: int, kitti: tuple[str, str] | None) -> list[str]:
         rest = {"view": ended_s - pushed_s, "all": ended_s - start_s}
         seconds.append({**report.seconds, **rest})
     medians = {
-        name: np.median([each[name] for each in seconds[WARM_UP:] if name in each])
+        name: np.median([each[name] for each in seconds[num_warm_up:] if name in each])
         for name in seconds[-1]
     }
     return [

@@ -26,9 +26,8 @@ def test_the_stages_of_a_clip_give_the_prediction_of_the_predictor() -> None:
     assert min(seconds.values()) >= 0
 
 
-def test_a_live_frame_is_the_sum_of_its_stages(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "WARM_UP", 8)
-    *stages, whole, _ = (line.split() for line in live.lines(2, None))
+def test_a_live_frame_is_the_sum_of_its_stages() -> None:
+    *stages, whole, _ = (line.split() for line in live.lines(2, None, num_warm_up=8))
     names = ["observe", "track", "scale", "scene", "forecast", "view"]
     assert [name for name, *_ in stages] == names
     # The median of two frames is their mean; rounding adds up to 0.4 ms.
