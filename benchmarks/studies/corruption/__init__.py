@@ -24,19 +24,14 @@ from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.source import Source, resampled
 from geovp_classic.types import (
-    ByteArray,
     Clip,
     Context,
-    ExtraView,
     FloatArray,
     Motion,
     PrivilegedInput,
     Target,
 )
-from studies.corruption.kinds import CORRUPTIONS, NUM_PAST, NUM_STEPS, Corruption
-
-Methods = Mapping[str, GeometricPredictor]
-SCORED_STEPS = np.array([0, 4, 9, 14, 19])  # of the future
+from studies.corruption.kinds import CORRUPTIONS, Corruption
 
 ARGUMENTS = {
     "": {
@@ -62,7 +57,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
             "name": "kitti",
             "root": args.root,
             "sequences": args.frames,
-            "num_frames": NUM_STEPS,
+            "num_frames": 30,
             "stride": args.stride,
             "size_px": [256, 256],
             "with_full": True,
@@ -107,15 +102,18 @@ def methods() -> dict[str, GeometricPredictor]:
     }
 
 
-def gains_db(clip: Clip, corruption: Corruption, severity: int, compared: Methods) -> FloatArray:
+def gains_db(
+    clip: Clip, corruption: Corruption, severity: int, compared: Mapping[str, GeometricPredictor]
+) -> FloatArray:
     """Return the gain [M] of each method over copying the last frame; NaN if it failed.
 
     Methods share observations, and motions by the first word of their name.
     """
     psnr = registry.build("frame_metrics", "psnr")
     context, target = corrupted(clip, corruption, severity)
-    real = target.frames[SCORED_STEPS]
-    times_s = context.times_s[NUM_PAST + SCORED_STEPS]
+    steps = np.array([0, 4, 9, 14, 19])  # of the future
+    real = target.frames[steps]
+    times_s = context.times_s[context.num_past + steps]
     copied_db = psnr(np.repeat(context.frames[-1:], len(real), axis=0), real, None)
     observed = Observer().observe(context)
     motions: dict[str, Motion] = {}
@@ -127,30 +125,29 @@ def gains_db(clip: Clip, corruption: Corruption, severity: int, compared: Method
                 motions[source] = predictor.estimate(observed)
             motion = motions[source]
             scene = predictor.reconstruct(observed, motion.past)
-            views = scene.view(motion.futures[0, SCORED_STEPS], times_s, context.intrinsics)
+            views = scene.view(motion.futures[0, steps], times_s, context.intrinsics)
             gains[number] = (psnr(views.frames, real, None) - copied_db).mean()
     return gains
 
 
-def corrupted(clip: Clip, corruption: Corruption, severity: int) -> tuple[Context, Target]:
+def corrupted(
+    clip: Clip, corruption: Corruption, severity: int, num_past: int = 10
+) -> tuple[Context, Target]:
     """Return context, with all privileged inputs, and target of the corrupted clip."""
-    order = corruption.order(severity)
-
-    def images(frames: ByteArray) -> ByteArray:
-        shown = enumerate(frames[order])
-        return np.stack([corruption.image(frame, step, severity) for step, frame in shown])
-
-    full = clip.full
+    steps = np.arange(len(clip))
+    if corruption.is_stationary:
+        steps[:] = num_past - 1
+    frames, full, trajectory = clip.frames[steps], clip.full, clip.trajectory
+    corruption.change(frames, severity)
     if full is not None:
-        full = ExtraView(images(full.frames), full.intrinsics, full.view_from_cam)
-    if full is not None and corruption.crop_from_full:
-        sources = [Source(frame, full.intrinsics, full.view_from_cam) for frame in full.frames]
-        frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
-    else:
-        frames = images(clip.frames)
-    trajectory = clip.trajectory
-    if trajectory is not None and corruption.reorders_poses:
-        trajectory = replace(trajectory, world_from_cam=trajectory.world_from_cam[order])
+        full_frames = full.frames[steps]
+        corruption.change(full_frames, severity)
+        full = replace(full, frames=full_frames)
+        if corruption.crop_from_full:
+            sources = [Source(frame, full.intrinsics, full.view_from_cam) for frame in full_frames]
+            frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
+    if trajectory is not None:
+        trajectory = replace(trajectory, world_from_cam=trajectory.world_from_cam[steps])
     changed = replace(clip, frames=frames, full=full, trajectory=trajectory)
-    context, target = changed.split(NUM_PAST, ~PrivilegedInput.NONE)
+    context, target = changed.split(num_past, ~PrivilegedInput.NONE)
     return corruption.context(context, severity), target

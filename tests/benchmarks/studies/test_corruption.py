@@ -9,7 +9,7 @@ from geovp_classic import registry
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip
 from studies.corruption import corrupted, gains_db
-from studies.corruption.kinds import CORRUPTIONS, NUM_PAST
+from studies.corruption.kinds import CORRUPTIONS
 from tests.benchmarks.conftest import Says, write_kitti
 
 METHODS = {
@@ -38,7 +38,7 @@ def test_what_passes_leaves_the_future_alone_and_what_lasts_does_not(clip: Clip)
         ("hood", True),
     ):
         _, target = corrupted(clip, CORRUPTIONS[name], 1)
-        assert (target.frames == clip.frames[NUM_PAST:]).all() != lasts
+        assert (target.frames == clip.frames[10:]).all() != lasts
 
 
 def test_a_stationary_camera_has_stationary_poses(clip: Clip) -> None:
@@ -68,9 +68,9 @@ def test_the_command_prints_a_table(tmp_path: Path, printed: Says) -> None:
 def test_all_severities_of_a_corruption_change_the_clip(clip: Clip, name: str) -> None:
     for severity in range(CORRUPTIONS[name].severities):
         context, target = corrupted(clip, CORRUPTIONS[name], severity)
-        assert context.num_past == NUM_PAST
+        assert context.num_past == 10
         assert target.frames.shape == (20, 64, 64, 3)
-        changed = (context.frames != clip.frames[:NUM_PAST]).any()
+        changed = (context.frames != clip.frames[:10]).any()
         changed |= context.intrinsics != clip.intrinsics
         changed |= (context.times_s != clip.times_s).any()
         assert bool(changed) is (name != "none")
