@@ -6,6 +6,7 @@ clipped. All pixels with known depth count, whatever their confidence. Poses are
 """
 
 import argparse
+from collections import defaultdict
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,9 +18,6 @@ from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Trajectory
-
-NUM_PAST = 10
-
 
 ARGUMENTS = {
     "": {
@@ -35,13 +33,13 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield medians over clips by set of pixels."""
-    street = {"name": "synthetic", "num_clips": args.clips, "num_frames": NUM_PAST + 1}
+    street = {"name": "synthetic", "num_clips": args.clips, "num_frames": 11}
     dataset = registry.build("datasets", street)
     source = registry.build("depth_sources", args.source, "--source")
-    measured: dict[str, list[FloatArray]] = {}
+    measured = defaultdict(list)
     for number in tracked(range(len(dataset))):
         for pixels, measures in evaluate(source, dataset[number]).items():
-            measured.setdefault(pixels, []).append(measures)
+            measured[pixels].append(measures)
     lines = [["pixels", "clips", "abs rel", "< 1.25", "confidence"]]
     for pixels, each in measured.items():
         error, fraction, confidence = np.median(each, axis=0)
@@ -58,21 +56,21 @@ def evaluate(
 ) -> dict[str, FloatArray]:
     """Return mean error, fraction within the factor and confidence [3] of the last observed frame.
 
-    There is an entry for each set of pixels that is not empty.
+    All frames but the last one are observed. There is an entry for each set of pixels that is not
+    empty.
     """
     assert clip.depths is not None
     assert clip.trajectory is not None
     assert clip.moving is not None
-    context, _ = clip.split(NUM_PAST, source.needs)
-    past = clip.trajectory[:NUM_PAST]
+    context, _ = clip.split(len(clip) - 1, source.needs)
+    past, truth_m, is_moving = clip.trajectory[:-1], clip.depths[-2], clip.moving[-2]
     inverse_depths, confidences = source.inverse_depths(context, past)
-    truth_m = clip.depths[NUM_PAST - 1]
     is_known = (truth_m > 0) & (truth_m <= max_depth_m)
     depth_m = 1 / np.maximum(inverse_depths[-1], 1 / max_depth_m)
     ratio = np.maximum(depth_m, 1e-3) / np.where(is_known, truth_m, 1)
     is_within = np.maximum(ratio, 1 / ratio) < max_factor
     measures = np.stack([np.abs(ratio - 1), is_within, confidences[-1]])
-    is_moving, is_near = clip.moving[NUM_PAST - 1], near_epipole(past, clip.intrinsics)
+    is_near = near_epipole(past, clip.intrinsics)
     sets = {
         "static": ~is_moving,
         "moving": is_moving,

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import street
 
+from geovp_benchmarks.display.channel import Channel
 from geovp_classic.geometry import planar
 from geovp_classic.streaming.commands import commanded_poses
 from geovp_classic.types import Clip
 from studies import latency
 
-NO_ERRORS = latency.CommandErrors(0.0, 0.0)
+EXACT = latency.Setup(stride=15, speed_error_fraction=0.0, yaw_rate_error_rad_s=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -18,11 +19,11 @@ def clip() -> Clip:
 
 
 def test_views_with_known_motion_beat_the_late_image(clip: Clip) -> None:
-    ((views, real, warned),) = latency.presents(clip, stride=15, errors=NO_ERRORS)
+    ((views, real, warned),) = latency.presents(clip, EXACT)
     assert warned == 0
     errors = {
         method: np.abs(np.asarray(frames, float) - real).mean(axis=(1, 2, 3))
-        for method, frames in zip(latency.METHODS, views, strict=True)
+        for method, frames in views.items()
     }
     soon = slice(0, 6)  # up to a second
     late = errors["late image"][soon]
@@ -32,7 +33,7 @@ def test_views_with_known_motion_beat_the_late_image(clip: Clip) -> None:
 
 
 def test_recorded_commands_lead_to_the_recorded_pose(clip: Clip) -> None:
-    commands = latency.commanded(clip, range(20, 30), NO_ERRORS, np.random.default_rng(0))
+    commands = latency.commanded(clip, range(20, 30), EXACT, np.random.default_rng(0))
     assert clip.trajectory is not None
     poses = clip.trajectory.world_from_cam
     level = planar.level_vehicle_from_cam()
@@ -47,9 +48,9 @@ def test_the_late_image_is_shifted_against_the_turn(clip: Clip) -> None:
     np.testing.assert_array_equal(latency.shifted(frame, 3.0)[:, :-3], frame[:, 3:])
 
 
-@pytest.mark.parametrize("fault", ["5 % lost", "100 ms jitter"])
-def test_views_over_a_bad_channel_are_those_of_the_present(clip: Clip, fault: str) -> None:
-    views, real = latency.received(clip, 8, latency.CHANNELS[fault])
+@pytest.mark.parametrize("channel", [Channel(loss=0.05), Channel(jitter_s=0.1)])
+def test_views_over_a_bad_channel_are_those_of_the_present(clip: Clip, channel: Channel) -> None:
+    views, real = latency.received(clip, latency.Setup(stride=8), channel)
     late = clip.frames[24 - 5 : len(clip) - 5 : 8]
     error, late_error = (np.abs(frames.astype(float) - real).mean() for frames in (views, late))
     assert error < 0.7 * late_error
