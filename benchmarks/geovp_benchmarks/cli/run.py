@@ -13,7 +13,6 @@ Examples:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +21,7 @@ from geovp_benchmarks.cli.options import LinesAndCode, shared
 from geovp_benchmarks.progress import announce
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.matrix.schema import Matrix
-    from geovp_benchmarks.results.store import Method, Results
+    from geovp_benchmarks.results.store import Results
 
 
 ARGUMENTS = {
@@ -55,8 +53,8 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
 
-    matrix = with_max_samples(schema.read(args.matrix, args.set), args.samples)
-    matrix = matrix.select(*args.methods).override(root=args.root, device=args.device)
+    matrix = schema.read(args.matrix, args.set).select(*args.methods)
+    matrix = matrix.override(root=args.root, device=args.device, max_samples=args.samples)
     results = Results(folder(args))
     plan = Plan(matrix, results, args.limit, args.keep, args.fresh)
     if args.dry_run:
@@ -72,22 +70,6 @@ def folder(args: argparse.Namespace) -> Path:
     return args.out or Path("results") / args.matrix.stem
 
 
-def with_max_samples(matrix: Matrix, max_samples: int | None) -> Matrix:
-    """Return the matrix with at most this many samples of each method, if a number is given."""
-    if max_samples is None:
-        return matrix
-    entries = {
-        role: {
-            name: entry.model_copy(
-                update={"num_samples": min(max_samples, entry.num_samples or matrix.num_samples)}
-            )
-            for name, entry in getattr(matrix, role).items()
-        }
-        for role in ("pose_sources", "predictors")
-    }
-    return matrix.model_copy(update=entries)
-
-
 def conclude(results: Results, *, has_report: bool = False) -> LinesAndCode:
     """Write tables, and a report if asked; yield the main table and return the code."""
     from geovp_benchmarks.tables import formats, tables
@@ -101,11 +83,6 @@ def conclude(results: Results, *, has_report: bool = False) -> LinesAndCode:
         report.write(results, plots.Options())  # also if nobody reads the lines
         lines += [f"plots:  {results.plots}", f"report: {results.report}"]
     yield from lines
-    return exit_code(methods)
-
-
-def exit_code(methods: Sequence[Method]) -> int:
-    """Log how many methods are incomplete, and return 1 if any are."""
     if outdated := sum(method.num_outdated > 0 for method in methods):
         logger.warning(
             f"{outdated} of {len(methods)} methods have scores of another version of the code: "

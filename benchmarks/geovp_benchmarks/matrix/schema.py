@@ -142,6 +142,7 @@ class Matrix(ProtocolTable, ComponentTables):
     frame_metrics: Specs
     trajectory_metrics: Specs
     selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
+    max_samples: int | None = None  # of each method
 
     @property
     def methods(self) -> tuple[MethodPlan, ...]:
@@ -150,16 +151,21 @@ class Matrix(ProtocolTable, ComponentTables):
         All are the pose sources with each renderer, then the predictors, in the file's order.
         """
         geometric = [
-            MethodPlan(entry.num_samples or self.num_samples, source, renderer)
+            MethodPlan(self._num_samples(entry), source, renderer)
             for source, entry in self.pose_sources.items()
             for renderer in self.renderers
         ]
         predictors = (
-            MethodPlan(entry.num_samples or self.num_samples, predictor=name)
+            MethodPlan(self._num_samples(entry), predictor=name)
             for name, entry in self.predictors.items()
         )
         methods = {method.label: method for method in (*geometric, *predictors)}
         return tuple(methods[label] for label in self.selected or methods)
+
+    def _num_samples(self, entry: Entry) -> int:
+        """Return the number of samples that an entry is asked for."""
+        num_samples = entry.num_samples or self.num_samples
+        return min(num_samples, self.max_samples or num_samples)
 
     def select(self, *labels: str) -> Self:
         """Return the matrix with these methods only; UnknownComponent names the nearest label."""
