@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 Item = TypeVar("Item")
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 
 logger = logging.getLogger("geovp_benchmarks")
 steps = logging.getLogger("geovp_benchmarks.steps")
@@ -48,7 +47,8 @@ def progress_bar(description: str) -> Iterator[None]:
     with tqdm(
         total=0,
         desc=description,
-        bar_format=BAR,
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} "
+        "[{elapsed}<{remaining}{postfix}]",
         file=sys.stderr,
         delay=0.5,
         disable=is_quiet or not sys.stderr.isatty(),

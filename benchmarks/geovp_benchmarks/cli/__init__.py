@@ -103,14 +103,12 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
             logger.error(textwrap.shorten(str(error), 2000))
-            return 2
         except ModuleNotFoundError as error:
             from geovp_classic.registry import EXTRA_OF_MODULE
 
             if error.name not in EXTRA_OF_MODULE:
                 raise
             logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
-            return 2
         except KeyboardInterrupt:
             logger.error("interrupted: finished work is kept, rerun to continue")
             return 130
@@ -122,9 +120,9 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             place = error.filename or "a file"
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
-            return 2
         finally:
             signal.signal(signal.SIGTERM, previous)
+        return 2
 
 
 def print_lines(args: argparse.Namespace) -> int:
