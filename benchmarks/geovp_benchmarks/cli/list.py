@@ -1,6 +1,6 @@
 """List components, or print one as TOML.
 
-The TOML can be pasted into a matrix file; its keys are those of `geovp run --set`.
+The TOML can be pasted into a matrix file; nested keys are dotted, as in --set.
 
 Examples:
   geovp list
