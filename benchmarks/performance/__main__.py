@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     options = {
         "--only SECTION": option("Section. Default: all.", choices=sections),
-        "--rounds N": option("Number of rounds after a warm-up. Default: 8.", 8),
+        "--rounds N = 8": "Number of rounds after a warm-up.",
         "--kitti TEXT": option(
             "Root and sequence of KITTI odometry. Default: the synthetic street.", nargs=2
         ),

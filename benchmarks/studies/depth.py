@@ -21,11 +21,9 @@ from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Traject
 
 ARGUMENTS = {
     "": {
-        "clips N": option("Number of clips. Default: 8.", 8, nargs="?"),
-        "--source SPEC": option(
-            "Name or TOML table of a component, see `geovp list depth_sources`. "
-            "Default: multiview.",
-            "multiview",
+        "clips N = 8": option("Number of clips.", nargs="?"),
+        "--source SPEC = multiview": (
+            "Name or TOML table of a component, see `geovp list depth_sources`."
         ),
     }
 }

@@ -43,14 +43,13 @@ class Setup:
 ARGUMENTS = {
     "": {
         "root FOLDER": "Folder laid out as KITTI odometry.",
-        "frames FRAMES": option(
-            "Sequences or stretches of them. Default: 03[0:180) raw0095.",  # train and val
-            ["03[0:180)", "raw0095"],
-            nargs="*",
+        # val and train
+        "frames FRAMES... = 03[0:180) raw0095": option(
+            "Sequences or stretches of them.", nargs="*"
         ),
-        "--num-frames N": option("Frames of a drive, at least 39. Default: 90.", 90),
-        "--every N": option("Frames between two scored ones. Default: 5.", 5),
-        "--metrics NAME...": option("Default: psnr ssim lpips.", ["psnr", "ssim", "lpips"]),
+        "--num-frames N = 90": "Frames of a drive, at least 39.",
+        "--every N = 5": "Frames between two scored ones.",
+        "--metrics NAME... = psnr ssim lpips": "Metrics of frames.",
         "--plot FILE": "File for curves: png, pdf or svg.",
     }
 }

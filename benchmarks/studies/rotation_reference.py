@@ -26,9 +26,7 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 ARGUMENTS = {
     "": {
         "root DIR": "Folder of KITTI odometry.",
-        "frames FRAMES": option(
-            "Sequence or a part of it. Default: 03[0:360).", "03[0:360)", nargs="?"
-        ),
+        "frames FRAMES = 03[0:360)": option("Sequence or a part of it.", nargs="?"),
     }
 }
 

@@ -33,15 +33,11 @@ ARGUMENTS = {
     },
     **CAMERA,
     "simulated channel": {
-        "--latency S": option(
-            "Delay of each image, 0 to 10 s. Default: 0.5.", 0.5, dest="latency_s"
+        "--latency S = 0.5": option("Delay of each image, 0 to 10 s.", dest="latency_s"),
+        "--jitter S = 0": option(
+            "Largest additional delay, 0 to 10 s, uniformly distributed.", dest="jitter_s"
         ),
-        "--jitter S": option(
-            "Largest additional delay, 0 to 10 s, uniformly distributed. Default: 0.",
-            0.0,
-            dest="jitter_s",
-        ),
-        "--loss P": option("Probability that an image is lost. Default: 0.", 0.0),
+        "--loss P = 0": "Probability that an image is lost.",
     },
     "motion, at most one of": {
         "--commands FILE": (
@@ -50,11 +46,10 @@ ARGUMENTS = {
         "--drive": "Set speed and yaw rate on the page. Default: forecast the motion.",
     },
     "page": {
-        "--host ADDRESS": option(
-            "Address of this computer to listen at, such as 0.0.0.0 for all. Default: 127.0.0.1.",
-            "127.0.0.1",
+        "--host ADDRESS = 127.0.0.1": (
+            "Address of this computer to listen at, such as 0.0.0.0 for all."
         ),
-        "--port NUMBER": option("Port; 0: any free one. Default: 8765.", 8765),
+        "--port NUMBER = 8765": "Port; 0: any free one.",
         "--token TEXT": (
             "Secret part of the page's address, to keep it over restarts. Default: random."
         ),

@@ -15,7 +15,7 @@ from geovp_benchmarks.cli.options import Lines, option, shared
 ARGUMENTS = {
     "": shared("folder"),
     "output": {
-        "--format csv|parquet": option("Format. Default: csv.", "csv"),
+        "--format csv|parquet = csv": "Format.",
         "--out FILE": option("File for the table.", required=True),
     },
 }

@@ -9,18 +9,16 @@ Examples:
 
 import argparse
 
-from geovp_benchmarks.cli.options import Lines, option
+from geovp_benchmarks.cli.options import Lines
 from geovp_benchmarks.progress import announce
 
 ARGUMENTS = {
     "": {"poses FOLDER": "Folder of pose files."},
     "windows": {
-        "--sequences NN...": option(
-            "Sequences. Default: 03 05 06 07 10.", ["03", "05", "06", "07", "10"]
-        ),
-        "--past N": option("Number of observed poses. Default: 10.", 10),
-        "--future N": option("Number of predicted poses. Default: 20.", 20),
-        "--stride N": option("Number of frames between the starts of two windows. Default: 5.", 5),
+        "--sequences NN... = 03 05 06 07 10": "Sequences.",
+        "--past N = 10": "Number of observed poses.",
+        "--future N = 20": "Number of predicted poses.",
+        "--stride N = 5": "Number of frames between the starts of two windows.",
     },
     "output": {
         "--methods SPEC...": (

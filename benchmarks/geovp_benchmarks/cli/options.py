@@ -12,9 +12,9 @@ Lines = Iterator[str]  # to print
 LinesAndCode = Generator[str, None, int]  # to print; returns the exit code
 
 
-def option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
+def option(text: str, **settings: Any) -> dict[str, Any]:
     """Return the help and settings of an argument, as for `ArgumentParser.add_argument`."""
-    return {"help": text, "default": default, **settings}
+    return {"help": text, **settings}
 
 
 SHARED: dict[str, Any] = {
@@ -32,16 +32,11 @@ SHARED: dict[str, Any] = {
     "--device DEVICE": "Device of networks: cpu, cuda, cuda:N or auto. Default: cpu.",
     "--set KEY=VALUE": option(
         "Setting of the matrix file, such as protocol.stride=20. May be repeated.",
-        [],
+        default=[],
         action="append",
     ),
-    "--keep CLIPS": option(
-        "Clips kept for figures: a number, all, or names with commas. Default: 4.",
-        "4",
-    ),
-    "--workers WORKERS": option(
-        "Number of processes, or address of a Dask scheduler. Default: 1.", "1"
-    ),
+    "--keep CLIPS = 4": "Clips kept for figures: a number, all, or names with commas.",
+    "--workers WORKERS = 1": "Number of processes, or address of a Dask scheduler.",
 }
 
 
@@ -65,9 +60,9 @@ def add_groups(parser: argparse.ArgumentParser, groups: Mapping[str, Mapping[str
 def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -> None:
     """Add arguments.
 
-    The key is the name with a metavar, from which the type follows; METHOD... takes several values,
-    A|B one of two, and an option without a metavar none. The value is the help, or the result of
-    `option`.
+    The key is the name with a metavar, from which the type follows, and a default that the help
+    states, too: "--limit N = 8". METHOD... takes several values, A|B one of two, and an option
+    without a metavar none. The value is the help, or the result of `option`.
     """
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
@@ -86,17 +81,19 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
         "X": float,
     }
     for spelling, about in options.items():
-        name, _, metavar = spelling.partition(" ")
-        settings = option(about) if isinstance(about, str) else about
-        if metavar.endswith("..."):
-            metavar = metavar.removesuffix("...")
-            settings = {"nargs": "+", **settings, "default": settings["default"] or ()}
-        if "|" in metavar:
-            settings = {"choices": metavar.split("|"), **settings}
+        words, _, default = spelling.partition(" = ")
+        name, _, metavar = words.partition(" ")
+        settings: dict[str, Any] = {"action": "store_true"}
         if metavar:
-            settings = {"type": types.get(metavar, str), "metavar": metavar, **settings}
-        else:
-            settings = {**settings, "default": False, "action": "store_true"}
+            kind = metavar.removesuffix("...")
+            settings = {"type": types.get(kind, str), "metavar": kind, "default": default or None}
+            if kind != metavar:
+                settings |= {"nargs": "+", "default": default.split()}
+            if "|" in kind:
+                settings["choices"] = kind.split("|")
+        settings |= {"help": about} if isinstance(about, str) else about
+        if default:
+            settings["help"] += f" Default: {default}."
         group.add_argument(name, **settings)
 
 

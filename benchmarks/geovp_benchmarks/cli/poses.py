@@ -23,9 +23,8 @@ ARGUMENTS = {
         "frames FRAMES...": "Sequences or parts of them, such as 03 or 03[0:360).",
     },
     "odometry": {
-        "--odometry SPEC": option(
-            "Name or TOML table of a component, see `geovp list odometries`. Default: monocular.",
-            "monocular",
+        "--odometry SPEC = monocular": (
+            "Name or TOML table of a component, see `geovp list odometries`."
         ),
         "--clips N": option(
             "Print median errors of clips of N frames; odometries that work on clips only, such as "
@@ -33,9 +32,7 @@ ARGUMENTS = {
             type=number(3),
         ),
     },
-    "output": {
-        "--out DIR": option("Folder for the results. Default: results/poses.", "results/poses")
-    },
+    "output": {"--out DIR = results/poses": "Folder for the results."},
 }
 
 

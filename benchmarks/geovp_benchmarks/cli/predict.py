@@ -49,16 +49,14 @@ ARGUMENTS = {
             "Frame rate; required for a folder. Default: that of the video or bag.", dest="rate_hz"
         ),
         "--first NUMBER": "Number of the first observed frame. Default: the latest possible.",
-        "--past N": option(
-            "Number of observed frames. Default: 10.", 10, dest="num_past", type=number(2)
-        ),
+        "--past N = 10": option("Number of observed frames.", dest="num_past", type=number(2)),
         "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
         "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
     },
     **CAMERA,
     "prediction": {
-        "--future N": option("Number of predicted frames. Default: 20.", 20, dest="num_future"),
-        "--samples N": option("Number of sampled futures. Default: 1.", 1, dest="num_samples"),
+        "--future N = 20": option("Number of predicted frames.", dest="num_future"),
+        "--samples N = 1": option("Number of sampled futures.", dest="num_samples"),
         "--pose-source SPEC": COMPONENT.format("pose-source", "refined"),
         "--renderer SPEC": COMPONENT.format("renderer", "depth-fusion"),
         "--predictor SPEC": COMPONENT.format("predictor", "geometric"),

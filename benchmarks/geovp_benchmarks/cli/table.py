@@ -15,7 +15,7 @@ import os
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
@@ -30,12 +30,10 @@ ARGUMENTS = {
         "--paper NAME": "Layout of a paper, next to its numbers, such as fvs20. Default: ours.",
     },
     "output": {
-        "--format md|tex|csv": option("Format. Default: md.", "md"),
-        "--spread interval|standard-error": option(
-            "Uncertainty of each mean. Default: interval.", "interval"
-        ),
-        "--label NAME": option("Label of the first LaTeX table. Default: tab:TABLE.", ""),
-        "--caption TEXT": option("Caption of the first LaTeX table. Default: its title.", ""),
+        "--format md|tex|csv = md": "Format.",
+        "--spread interval|standard-error = interval": "Uncertainty of each mean.",
+        "--label NAME": "Label of the first LaTeX table. Default: tab:TABLE.",
+        "--caption TEXT": "Caption of the first LaTeX table. Default: its title.",
     },
 }
 
@@ -54,7 +52,7 @@ def run(args: argparse.Namespace) -> Lines:
         case "csv":
             text = "\n".join(map(formats.comma_separated, tables))
         case "tex":
-            first = formats.latex(tables[0], args.caption, args.label)
+            first = formats.latex(tables[0], args.caption or "", args.label or "")
             text = "\n".join([first, *map(formats.latex, tables[1:])])
         case "md":
             width = terminal_width()

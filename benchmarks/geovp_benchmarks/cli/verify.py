@@ -16,11 +16,10 @@ ARGUMENTS = {
     "": shared("folder"),
     "sample": {
         **shared("--root"),
-        "--pairs N": option("Number of (method, clip) pairs. Default: 8.", 8),
-        "--seed SEED": option("Random seed of the sample. Default: 0.", 0, type=number(0)),
-        "--tolerance X": option(
-            "Largest difference that passes, in the unit of each metric. Default: 1e-4.",
-            1e-4,
+        "--pairs N = 8": "Number of (method, clip) pairs.",
+        "--seed SEED = 0": option("Random seed of the sample.", type=number(0)),
+        "--tolerance X = 1e-4": option(
+            "Largest difference that passes, in the unit of each metric.",
             type=number(0, kind=float),
         ),
     },

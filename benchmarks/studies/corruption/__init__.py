@@ -36,14 +36,15 @@ from studies.corruption.kinds import CORRUPTIONS, Corruption
 ARGUMENTS = {
     "": {
         "root FOLDER": "Folder laid out as KITTI odometry.",
-        "frames FRAMES": option(
-            "Sequences or stretches of them. Default: 03[0:180) raw0095.",  # train and val
-            ["03[0:180)", "raw0095"],
-            nargs="*",
+        # val and train
+        "frames FRAMES... = 03[0:180) raw0095": option(
+            "Sequences or stretches of them.", nargs="*"
         ),
-        "--stride N": option("Frames between the starts of two clips. Default: 60.", 60),
+        "--stride N = 60": "Frames between the starts of two clips.",
         "--only NAME...": option(
-            "Names of the corruptions. Default: all.", list(CORRUPTIONS), choices=CORRUPTIONS
+            "Names of the corruptions. Default: all.",
+            default=list(CORRUPTIONS),
+            choices=CORRUPTIONS,
         ),
     }
 }

@@ -3,17 +3,13 @@
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.cli.options import option
-
 ARGUMENTS = {
     "": {
         "model motion-prior|body-motion|kalman": (
             "What to fit. The first two write MODEL.npz, the last prints its constants."
         ),
         "poses FOLDER": "Folder of NN.txt and NN_times.txt.",
-        "--sequences NN...": option(
-            "Sequences of KITTI odometry. Default: 00 02 08 09.", ["00", "02", "08", "09"]
-        ),
+        "--sequences NN... = 00 02 08 09": "Sequences of KITTI odometry.",
     }
 }
 
