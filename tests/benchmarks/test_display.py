@@ -111,7 +111,7 @@ class TestDrawing:
         half_px = np.array([10.0, 0.0])
         sides_px = np.stack([path_px - half_px, path_px + half_px])
         drawn = drawing.draw_path(FRAME, path_px[:3], sides_px[:, :3])
-        assert np.abs(drawn[45, 40].astype(int) - drawing.PATH_RGB).max() < 10
+        assert np.abs(drawn[45, 40].astype(int) - (64, 220, 120)).max() < 10
         assert drawn[45, 35, 1] > 100 > drawn[45, 35, 0]
         assert (drawn[:, :25] == 100).all()
         assert drawing.draw_path(FRAME, path_px, sides_px).shape == FRAME.shape

@@ -4,12 +4,10 @@ import textwrap
 
 import cv2
 import numpy as np
+from PIL import Image, ImageDraw
 
 from geovp_classic.streaming import LiveView
-from geovp_classic.types import ByteArray, FloatArray, IntArray
-
-PATH_RGB = (64, 220, 120)
-WARNING_RGB = (200, 30, 30)
+from geovp_classic.types import ByteArray, FloatArray
 
 
 def draw_view(view: LiveView, is_dimming: bool) -> ByteArray:
@@ -24,37 +22,30 @@ def draw_path(
     path_px: FloatArray,  # [M, 2], NaN behind the camera
     sides_px: FloatArray,  # [2, M, 2], left and right edge of its uncertainty
     opacity: float = 0.35,
+    rgb: tuple[int, int, int] = (64, 220, 120),
 ) -> ByteArray:
     """Return the frame with a line along the path, and its uncertainty as a translucent area."""
-    is_ahead = np.isfinite(path_px).all(axis=-1) & np.isfinite(sides_px).all(axis=(0, 2))
+    lines_px = np.stack([sides_px[0], path_px, sides_px[1]])
+    is_ahead = np.isfinite(lines_px).all(axis=(0, 2))
     if is_ahead.sum() < 2:
         return frame
-    limit_px = 10.0 * max(frame.shape)  # OpenCV's coordinates are 16 bits here
-    left, right = np.clip(sides_px[:, is_ahead], -limit_px, limit_px)
+    limit_px = 10 * max(frame.shape)  # OpenCV's coordinates are 16 bits here
+    lines_px = np.clip(lines_px[:, is_ahead], -limit_px, limit_px)
+    left, path, right = np.rint(lines_px).astype(np.int32, order="C")
     outline = np.concatenate([left, right[::-1]])
-    area = frame.copy()
-    cv2.fillPoly(area, [_pixels(outline)], PATH_RGB, cv2.LINE_AA)
+    area = cv2.fillPoly(frame.copy(), [outline], rgb, cv2.LINE_AA)
     drawn = cv2.addWeighted(area, opacity, frame, 1 - opacity, 0)
-    line = np.clip(path_px[is_ahead], -limit_px, limit_px)
-    return cv2.polylines(drawn, [_pixels(line)], False, PATH_RGB, 2, cv2.LINE_AA)
+    return cv2.polylines(drawn, [path], False, rgb, 2, cv2.LINE_AA)
 
 
-def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
+def draw_warning(frame: ByteArray, warning: str, colour: str = "firebrick") -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
-    drawn = np.ascontiguousarray(frame).copy()
-    height_px, width_px = drawn.shape[:2]
-    scale = max(0.35, min(1.0, height_px / 400))
-    lines = textwrap.wrap(f"WARNING: {warning}", int(width_px / (20 * scale)))  # 20 px a letter
-    step_px = int(28 * scale)
-    bottom_px = step_px * len(lines) + 4
-    cv2.rectangle(drawn, (0, 0), (width_px - 1, bottom_px), WARNING_RGB, cv2.FILLED)
-    cv2.rectangle(drawn, (0, 0), (width_px - 1, height_px - 1), WARNING_RGB, 4)
-    for number, line in enumerate(lines, 1):
-        corner_px, font = (6, step_px * number - 2), cv2.FONT_HERSHEY_SIMPLEX
-        cv2.putText(drawn, line, corner_px, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
-    return drawn
-
-
-def _pixels(points_px: FloatArray) -> IntArray:
-    """Return points [M, 2] as OpenCV draws them, rounded to whole pixels."""
-    return np.rint(points_px).astype(np.int32)[:, None]
+    image = Image.fromarray(frame)
+    letter_px = max(10, image.height // 16)
+    text = textwrap.fill(f"WARNING: {warning}", 2 * image.width // letter_px)
+    pen = ImageDraw.Draw(image)
+    _, _, _, bottom_px = pen.textbbox((8, 8), text, font_size=letter_px)
+    pen.rectangle((0, 0, image.width, bottom_px + 8), fill=colour)
+    pen.rectangle((0, 0, image.width - 1, image.height - 1), outline=colour, width=4)
+    pen.text((8, 8), text, font_size=letter_px)
+    return np.asarray(image)

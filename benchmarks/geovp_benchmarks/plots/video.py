@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
-import cv2
 import numpy as np
+from PIL import Image, ImageDraw
 
 from geovp_classic.types import ByteArray
 
@@ -50,8 +50,6 @@ def write_mp4(path: Path, frames: Iterable[ByteArray], rate_hz: float) -> None:
 
 def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
     """Write frames [N, H, W, 3] as an endless gif."""
-    from PIL import Image
-
     first, *rest = map(Image.fromarray, frames)
     first.save(
         path,
@@ -64,11 +62,13 @@ def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
 
 def labelled(frame: ByteArray, label: str) -> ByteArray:
     """Return a frame with an outlined label in its lower left corner."""
-    frame = np.ascontiguousarray(frame).copy()
-    scale = max(0.35, min(1.0, len(frame) / 400))
-    font = cv2.FONT_HERSHEY_SIMPLEX
-    # Thicker letters would be wider, so the outline is the label itself, shifted.
-    for right_px, down_px, grey in ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, 255)):
-        corner_px = (4 + right_px, len(frame) - 5 + down_px)
-        cv2.putText(frame, label, corner_px, font, scale, (grey, grey, grey), 1, cv2.LINE_AA)
-    return frame
+    image = Image.fromarray(frame)
+    ImageDraw.Draw(image).text(
+        (4, image.height - 4),
+        label,
+        anchor="ld",
+        font_size=max(10, image.height // 16),
+        stroke_width=1,
+        stroke_fill="black",
+    )
+    return np.asarray(image)
