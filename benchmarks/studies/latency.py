@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.display.channel import Channel, InFlight
+from geovp_benchmarks.display.channel import Channel
 from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -194,12 +194,11 @@ def shifted(frame: ByteArray, left_px: float) -> ByteArray:
 
 def received(clip: Clip, setup: Setup, channel: Channel) -> tuple[ByteArray, ByteArray]:
     """Return forecast views [N, H, W, 3] over a channel with faults, and the real frames."""
-    in_flight = InFlight(channel)
     live = LivePredictor(clip.intrinsics, clip.camera_height_m)
     views, real = [], []
     for step, (frame, now_s) in enumerate(zip(clip.frames, clip.times_s, strict=True)):
-        in_flight.send(step, frame, now_s, now_s)
-        for sent in in_flight.receive(now_s):
+        channel.send(step, frame, now_s, now_s)
+        for sent in channel.receive(now_s):
             live.push(sent.frame, sent.time_s)
         if step >= 2 * setup.num_warm_up and step % setup.stride == 0:
             views.append(live.view(now_s).frame)

@@ -13,7 +13,7 @@ import pytest
 import street
 
 from geovp_benchmarks.display import drawing
-from geovp_benchmarks.display.channel import Channel, InFlight
+from geovp_benchmarks.display.channel import Channel
 from geovp_benchmarks.display.commands import Driver, read_commands
 from geovp_benchmarks.display.session import Session, Shown
 from geovp_benchmarks.display.source import Source
@@ -46,21 +46,24 @@ def is_shown_late(shown: Shown) -> bool:
 
 class TestChannel:
     def test_delays_are_reproducible_and_within_bounds(self) -> None:
-        channel = Channel(0.5, 0.2, 0.3, seed=1)
-        delays = [channel.delay_s(number) for number in range(2000)]
-        assert delays == [channel.delay_s(number) for number in range(2000)]
-        arrived = [delay for delay in delays if delay is not None]
-        assert 0.5 <= min(arrived) < max(arrived) <= 0.7
+        arrived = []
+        for _ in range(2):
+            channel = Channel(0.5, 0.2, 0.3, seed=1)
+            for number in range(2000):
+                channel.send(number, FRAME, 0.0, 0.0)
+            arrived.append([(sent.arrival_s, sent.number) for sent in channel.receive(0.7)])
+        assert arrived[0] == arrived[1] == sorted(arrived[0])
+        assert 0.5 <= arrived[0][0][0] < arrived[0][-1][0] <= 0.7
         # 1400 are expected to arrive, with a standard deviation of 20
-        assert abs(len(arrived) - 1400) < 80
+        assert abs(len(arrived[0]) - 1400) < 80
 
     def test_jitter_reorders_and_nothing_arrives_early(self) -> None:
-        in_flight = InFlight(Channel(0.1, 0.5))
+        channel = Channel(0.1, 0.5)
         order = []
         for number in range(40):
             now_s = number * 0.1
-            in_flight.send(number, FRAME, now_s, now_s)
-            for sent in in_flight.receive(now_s):
+            channel.send(number, FRAME, now_s, now_s)
+            for sent in channel.receive(now_s):
                 assert 0.1 <= now_s - sent.time_s <= 0.7
                 order.append(sent.number)
         assert order != sorted(order)
@@ -180,18 +183,17 @@ class TestSession:
         assert is_clear.mean() > 0.5 > (true == late).all(axis=-1).mean()
 
     def test_a_replay_keeps_to_the_clock_and_starts_again(self) -> None:
-        session = Session(street_source(CLIP.frames[:5]), Channel(0.1), driver=Driver())
+        session = Session(street_source(CLIP.frames[:5]), Channel(0.1))
         stop, shown = threading.Event(), []
 
         def publish(view: Shown) -> None:
             shown.append((time.monotonic(), view))
-            if len(shown) > 10 and view.age_s is None:  # it started again
+            if len(shown) > 5 and view.age_s is None:  # it started again
                 stop.set()
 
         session.run(publish, stop)
         times_s = [time_s for time_s, _ in shown]
         assert 0.35 < times_s[-1] - times_s[0] < 2
-        assert len(shown) > 10  # of 5 frames: a driver gets views between them
 
     def test_a_failure_of_the_predictor_ends_the_session(
         self, monkeypatch: pytest.MonkeyPatch

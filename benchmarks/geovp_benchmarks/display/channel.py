@@ -1,6 +1,6 @@
 """Simulated radio channel: delays images, reorders them and loses some."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from queue import PriorityQueue
 
 import numpy as np
@@ -20,34 +20,26 @@ class Sent:
 
 @dataclass(frozen=True)
 class Channel:
-    """Delay and loss of each image, as a function of its number."""
+    """A channel with the images on their way; one thread may send while another receives.
+
+    Delay and loss of an image are functions of its number.
+    """
 
     latency_s: float = 0.5
     jitter_s: float = 0.0  # largest additional delay, uniformly distributed
     loss: float = 0.0  # probability
     seed: int = 0
-
-    def delay_s(self, number: int) -> float | None:
-        """Return the delay of an image, or None if it is lost."""
-        loss, jitter = np.random.default_rng((self.seed, number)).random(2).tolist()
-        return None if loss < self.loss else self.latency_s + self.jitter_s * jitter
-
-
-class InFlight:
-    """The images on their way, in the order of their arrival; one thread sends, one receives."""
-
-    def __init__(self, channel: Channel) -> None:
-        self.channel = channel
-        self._sent: PriorityQueue[Sent] = PriorityQueue()
+    _sent: PriorityQueue[Sent] = field(default_factory=PriorityQueue, init=False, repr=False)
 
     def send(self, number: int, frame: ByteArray, time_s: float, now_s: float) -> None:
         """Send an image, which may get lost."""
-        delay_s = self.channel.delay_s(number)
-        if delay_s is not None:
-            self._sent.put(Sent(now_s + delay_s, number, time_s, frame))
+        loss, jitter = np.random.default_rng((self.seed, number)).random(2).tolist()
+        if loss >= self.loss:
+            arrival_s = now_s + self.latency_s + self.jitter_s * jitter
+            self._sent.put(Sent(arrival_s, number, time_s, frame))
 
     def receive(self, now_s: float) -> list[Sent]:
-        """Return the images that arrived since the last call."""
+        """Return the images that arrived since the last call, in the order of their arrival."""
         arrived = []
         while not self._sent.empty() and self._sent.queue[0].arrival_s <= now_s + 1e-6:  # rounding
             arrived.append(self._sent.get())

@@ -1,18 +1,17 @@
 """A display session: takes images, delays them, predicts the present and shows it."""
 
-import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from geovp_benchmarks.display import drawing
-from geovp_benchmarks.display.channel import Channel, InFlight, Sent
+from geovp_benchmarks.display.channel import Channel, Sent
 from geovp_benchmarks.display.commands import Driver
 from geovp_benchmarks.display.source import Source
 from geovp_benchmarks.plots.video import labelled, write_mp4
@@ -22,7 +21,6 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray
 
-TICK_S = 0.04  # between two views of a driver
 Publish = Callable[["Shown"], None]
 
 
@@ -66,37 +64,40 @@ class Session:
         times_s, due_s = self.source.times_s, self.source.due_s()
         for step in tracked(range(len(times_s))):
             frame = self.source.read(step)
-            self._in_flight.send(step, frame, times_s[step], due_s[step])
-            for sent in self._in_flight.receive(due_s[step]):
+            self._channel.send(step, frame, times_s[step], due_s[step])
+            for sent in self._channel.receive(due_s[step]):
                 self._push(sent)
             yield self.draw_present(times_s[step], frame)
 
     def run(self, publish: Publish, stop: threading.Event) -> None:
         """Show views on the wall clock until `stop` is set; a recording starts again at its end.
 
-        When views take longer than frames, frames are dropped.
+        Images are pushed while others are shown; those that waited for the predictor are dropped.
         """
-        play = self._capture if self.source.is_camera else self._replay
-        while not stop.is_set():
-            self._restart()
-            is_done = threading.Event()
-            with ThreadPoolExecutor(1) as pool:
-                pushing = pool.submit(self._push_arrivals, is_done, stop)
-                try:
-                    play(publish, stop)
-                finally:
-                    is_done.set()
-            pushing.result()
+        with ThreadPoolExecutor(1) as pool:
+            try:
+                while not stop.is_set():
+                    self._restart()
+                    showing = pool.submit(self._show, publish, stop)
+                    while not showing.done():
+                        arrived = self._channel.receive(self._elapsed_s())
+                        if arrived:
+                            self._push(max(arrived, key=lambda sent: sent.number))
+                        else:
+                            time.sleep(0.005)
+                    showing.result()
+            finally:
+                stop.set()  # no views after a failure
 
-    def draw_present(self, now_s: float, true: ByteArray | None) -> Shown:
+    def draw_present(self, now_s: float, true: ByteArray) -> Shown:
         """Predict the present and draw it next to the late image and the true present."""
         commands = self.planned if self.driver is None else self.driver.at(now_s)
+        late, age_s, confidence = self._late, None, 0.0
+        panels = {"late image": np.zeros_like(true)}
+        if late is not None:
+            age_s = now_s - late.time_s
+            panels = {f"late image, {age_s:.2f} s old": late.frame}
         warning: str | None = "no image has arrived since the start"
-        confidence, late = 0.0, self._late
-        if late is None:
-            panels = {"late image": np.zeros((*self.source.size_px[::-1], 3), np.uint8)}
-        else:
-            panels = {f"late image, {now_s - late.time_s:.2f} s old": late.frame}
         with suppress(Incompatible):  # before the first image, and while a push restarts
             view = self.live.view(now_s, commands)
             warning = view.warning
@@ -108,49 +109,24 @@ class Session:
         if warning is not None:
             (frame,) = panels.values()
             panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
-        if true is not None:
-            panels["true present"] = true
-        age_s = None if late is None else now_s - late.time_s
+        panels["true present"] = true
         return Shown(panels, warning, age_s, confidence, self.is_dimming)
 
     def _restart(self) -> None:
         """Forget all images and start the clock."""
         self.live.reset()
-        self._in_flight = InFlight(self.channel)
+        self._channel = replace(self.channel)
         self._late: Sent | None = None  # the newest image that the predictor has
         self._start_s = time.monotonic()
 
     def _elapsed_s(self) -> float:
         return time.monotonic() - self._start_s
 
-    def _replay(self, publish: Publish, stop: threading.Event) -> None:
-        """Replay a recording once, with a view of each frame, or more often for a driver."""
-        times_s, due_s = self.source.times_s, self.source.due_s()
-        is_driven = self.driver is not None
-        step = -1
-        while not stop.is_set():
-            elapsed_s = self._elapsed_s()
-            newest = int(np.searchsorted(due_s, elapsed_s, side="right")) - 1
-            if newest > step:  # frames between them are dropped
-                step = newest
-                frame = self.source.read(step)
-                self._in_flight.send(step, frame, times_s[step], elapsed_s)
-            ahead_s = elapsed_s - due_s[step] if is_driven else 0.0
-            publish(self.draw_present(times_s[step] + ahead_s, frame))
-            if step + 1 == len(times_s):
-                return
-            wait_s = due_s[step + 1] - self._elapsed_s()
-            stop.wait(max(0.0, min(wait_s, TICK_S) if is_driven else wait_s))
-
-    def _capture(self, publish: Publish, stop: threading.Event) -> None:
-        """Show a view of each image of a camera."""
-        for number in itertools.count():
-            frame = self.source.read(0)
-            if stop.is_set():
-                return
-            now_s = self._elapsed_s()
-            self._in_flight.send(number, frame, now_s, now_s)
-            publish(self.draw_present(now_s, frame))
+    def _show(self, publish: Publish, stop: threading.Event) -> None:
+        """Send the images of the source, and show a view at the time of each."""
+        for number, time_s, frame in self.source.images(stop):
+            self._channel.send(number, frame, time_s, self._elapsed_s())
+            publish(self.draw_present(time_s, frame))
 
     def _push(self, sent: Sent) -> None:
         """Give an image to the predictor, unless a later one has overtaken it."""
@@ -158,22 +134,6 @@ class Session:
             return
         if self.live.push(sent.frame, sent.time_s).status != "late":
             self._late = sent
-
-    def _push_arrivals(self, is_done: threading.Event, stop: threading.Event) -> None:
-        """Push images as they arrive; those that waited for the predictor are dropped.
-
-        An exception sets `stop`.
-        """
-        try:
-            while not is_done.is_set():
-                arrived = self._in_flight.receive(self._elapsed_s())
-                if arrived:
-                    self._push(max(arrived, key=lambda sent: sent.number))
-                else:
-                    is_done.wait(0.005)
-        except BaseException:
-            stop.set()
-            raise
 
 
 def write_video(session: Session, path: Path) -> None:

@@ -1,5 +1,9 @@
 """Images of a recording or of a camera at this computer, at the size of the display."""
 
+import itertools
+import threading
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -65,6 +69,25 @@ class Source:
     def times_s(self) -> FloatArray:
         """Return when the replayed frames were taken [N]."""
         return self.recording.times_s[self.numbers]
+
+    def images(self, stop: threading.Event) -> Iterator[tuple[int, float, ByteArray]]:
+        """Yield number, time and image until `stop` is set: of a camera, each as it comes.
+
+        Images of a recording are yielded once, when they are due; overdue ones are dropped.
+        """
+        start_s = time.monotonic()
+        if self.is_camera:
+            for number in itertools.count():
+                frame = self.read(0)
+                if stop.is_set():
+                    return
+                yield number, time.monotonic() - start_s, frame
+        step, due_s = 0, start_s + self.due_s()
+        while step < len(due_s) and not stop.wait(due_s[step] - time.monotonic()):
+            newest = int(np.searchsorted(due_s, time.monotonic(), side="right")) - 1
+            step = max(step, newest)
+            yield step, self.times_s[step], self.read(step)
+            step += 1
 
     def read(self, step: int) -> ByteArray:
         """Return a replayed frame [H, W, 3]; of a camera, wait for the next image."""
