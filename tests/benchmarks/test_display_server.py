@@ -1,6 +1,7 @@
 """The page of `geovp display`: its protocol, what it refuses, and the page in a browser."""
 
 import asyncio
+import base64
 import http.client
 import json
 import random
@@ -63,13 +64,15 @@ class Client:
         return response.status, response.read(), response.headers
 
     def view(self, number: int) -> tuple[dict[str, Any], int]:
-        """Return the header of the view after this one, and the grey value of its image."""
-        status, message, _ = self.ask(f"/views?token={TOKEN}&after={number}")
+        """Return the view after this one, and the grey value of its last panel."""
+        status, message, _ = self.ask(f"/{TOKEN}/views/{number}")
         assert status == 200
-        length = int.from_bytes(message[:4], "big")
-        image = cv2.imdecode(np.frombuffer(message[4 + length :], np.uint8), cv2.IMREAD_COLOR)
-        assert image.shape == (16, 32, 3)
-        return json.loads(message[4 : 4 + length]), round(image.mean())
+        view = json.loads(message)
+        for url in view["panels"].values():
+            jpeg = base64.b64decode(url.removeprefix("data:image/jpeg;base64,"))
+            image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+            assert image.shape == (16, 16, 3)
+        return view, round(image.mean())
 
 
 @pytest.fixture
@@ -88,22 +91,23 @@ def test_a_slow_page_neither_delays_another_nor_fills_a_queue(pages: server.Serv
     number = 1
     for grey in range(1, 100):
         pages.publish(session.shown(grey))
-        header, shown = fast.view(number)
-        number = header["number"]
+        view, shown = fast.view(number)
+        number = view["number"]
         assert shown == grey
-    assert header["panels"] == ["late image", "predicted present"]
-    assert (header["warning"], header["age_s"], header["confidence"]) == (None, 0.5, 0.9)
+    assert list(view["panels"]) == ["late image", "predicted present"]
+    assert (view["warning"], view["age_s"], view["confidence"]) == (None, 0.5, 0.9)
+    assert view["is_driven"]
     assert slow.view(1)[1] == 99
     assert Client(pages).view(0)[1] == 99
     threading.Timer(0.2, pages.publish, [session.shown(100)]).start()
     assert slow.view(number)[1] == 100  # after it has waited for it
 
 
-@pytest.mark.parametrize("token", ["", "?token=", "?token=a-secre", "?token=%F0%9F%98%80"])
+@pytest.mark.parametrize("token", ["", "/", "/a-secre", "/a-secrets", "/%F0%9F%98%80"])
 def test_without_the_token_nothing_is_served(pages: server.Server, token: str) -> None:
-    for path in ("/", "/views", "/page.html", "/../pyproject.toml"):
+    for path in ("/", "/views/0", "/page.html", "/../pyproject.toml"):
         for content in (None, b"{}"):
-            status, text, _ = Client(pages).ask(path + token, content)
+            status, text, _ = Client(pages).ask(token + path, content)
             assert status == 403
             assert b"secret" not in text
 
@@ -112,18 +116,19 @@ def test_pages_of_other_sites_are_refused(pages: server.Server) -> None:
     client = Client(pages)
     for origin in ("http://evil.example", "null", f"{client.origin}.evil.example", ""):
         for content in (None, b"{}"):
-            assert Client(pages).ask(f"/?token={TOKEN}", content, origin)[0] == 403
-    status, text, headers = client.ask(f"/?token={TOKEN}", origin=client.origin)
+            assert Client(pages).ask(f"/{TOKEN}/", content, origin)[0] == 403
+    status, text, headers = client.ask(f"/{TOKEN}/", origin=client.origin)
     assert status == 200
     assert "default-src 'none'" in headers["Content-Security-Policy"]
-    assert b'data-driven="true"' in text
+    assert b"GeoVP display" in text
 
 
 @pytest.mark.parametrize(
-    "path", ["/server.py", "/../session.py", "/%2e%2e/%2e%2e/pyproject.toml", "//etc/passwd"]
+    "path",
+    ["/server.py", "/../session.py", "/%2e%2e/%2e%2e/pyproject.toml", "//etc/passwd", "/views/x"],
 )
 def test_no_file_is_served(pages: server.Server, path: str) -> None:
-    assert Client(pages).ask(f"{path}?token={TOKEN}")[0] == 404
+    assert Client(pages).ask(f"/{TOKEN}{path}")[0] == 404
 
 
 def test_malformed_messages_are_refused(pages: server.Server) -> None:
@@ -134,11 +139,11 @@ def test_malformed_messages_are_refused(pages: server.Server) -> None:
     while len(wrong) < 200:
         wrong.append("".join(chr(generator.randrange(1, 0x2FF)) for _ in range(40)))
     for text in [*wrong, "x" * 100_000]:
-        assert Client(pages).ask(f"/?token={TOKEN}", text.encode())[0] == 400
+        assert Client(pages).ask(f"/{TOKEN}/", text.encode())[0] == 400
     assert not session.driver.at(0.0)
     assert not session.is_dimming
     good = b'{"speed_m_s": 8.0, "yaw_rate_rad_s": 0.25, "is_dimming": true}'
-    assert Client(pages).ask(f"/?token={TOKEN}", good)[0] == 200
+    assert Client(pages).ask(f"/{TOKEN}/", good)[0] == 200
     [command] = session.driver.at(0.0)
     assert (command.speed_m_s, command.yaw_rate_rad_s) == (8.0, 0.25)
     assert session.is_dimming
@@ -155,7 +160,7 @@ def test_a_port_in_use_gets_one_sentence(tmp_path: Path, refused: Says) -> None:
 def test_addresses() -> None:
     session = cast(Session, FakeSession())
     with server.Server(session, "127.0.0.1", 0, "abc") as pages:
-        assert pages.url == f"http://127.0.0.1:{pages.server_address[1]}/?token=abc"
+        assert pages.url == f"http://127.0.0.1:{pages.server_address[1]}/abc/"
     with server.Server(session, "0.0.0.0", 0, "abc") as pages:
         assert pages.url.startswith(f"http://{socket.gethostname()}:")
     for host, port in [("192.0.2.1", 0), ("127.0.0.1", 70000), ("no.such.host.invalid", 0)]:
@@ -252,7 +257,7 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
     frames = street.clip(num_frames=70).frames.copy()
     frames[50:] = 0  # five seconds are enough for a busy machine
     warning = "document.getElementById('warning')"
-    shown = "document.querySelectorAll('canvas')[2].toDataURL()"
+    shown = "document.querySelectorAll('figure img')[2].src"
 
     def listening(port: int) -> server.Server:
         session = Session(street_source(frames), Channel(0.1), driver=Driver())
@@ -264,7 +269,7 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         async with browsing(pages.url, tmp_path) as browser:
 
             async def watch() -> None:
-                await browser.wait("document.querySelectorAll('canvas').length === 3")
+                await browser.wait("document.querySelectorAll('figure img').length === 3")
                 first = await browser.value(shown)
                 await browser.wait(f"{shown} !== {json.dumps(first)}")
                 await browser.wait(f"{warning}.textContent.includes('No warning')")

@@ -1,9 +1,10 @@
 """Web server of the page: the newest view for a page that asks, and the driver's commands.
 
-A view is the length of a JSON header (4 bytes, big endian), the header, and a JPEG of all panels
-side by side. A page asks for another view when it has drawn the last one.
+A view is a JSON object with the panels as data URLs. A page asks for another view when it has drawn
+the last one.
 """
 
+import base64
 import hmac
 import json
 import logging
@@ -13,22 +14,15 @@ from http.server import BaseHTTPRequestHandler
 from importlib import resources
 from socketserver import ThreadingTCPServer
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import unquote
 
 import cv2
-import numpy as np
 import pydantic
 
 from geovp_benchmarks.display.session import Session, Shown
 from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray
 
-HEADERS = {
-    "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; "
-    "style-src 'unsafe-inline'; connect-src 'self'; img-src data:",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
 logger = logging.getLogger(__name__)
 
 
@@ -47,14 +41,12 @@ class Server(ThreadingTCPServer):
     daemon_threads = True
 
     def __init__(self, session: Session, host: str, port: int, token: str) -> None:
-        """Listen at an address; BadData if the port is in use or the address is not ours."""
+        """Listen at an IPv4 address; BadData if the port is in use or the address is not ours."""
         self.session = session
-        self.token = token
+        self.root = f"/{token}/"
         self._number = 0
         self._view = b""
         self._changed = threading.Condition()
-        if ":" in host:
-            self.address_family = socket.AF_INET6
         try:
             super().__init__((host, port), Handler)
         except (OSError, OverflowError) as error:
@@ -64,9 +56,10 @@ class Server(ThreadingTCPServer):
     @property
     def url(self) -> str:
         """Return the address of the page; a server at all addresses has this computer's name."""
-        address, port, *_ = self.server_address
-        host = socket.gethostname() if address in ("0.0.0.0", "::") else str(address)
-        return f"http://{f'[{host}]' if ':' in host else host}:{port}/?token={self.token}"
+        host, port = self.socket.getsockname()
+        if host == "0.0.0.0":
+            host = socket.gethostname()
+        return f"http://{host}:{port}{self.root}"
 
     def play(self, stop: threading.Event) -> None:
         """Serve and play the session until `stop` is set or the session fails."""
@@ -78,10 +71,13 @@ class Server(ThreadingTCPServer):
 
     def publish(self, shown: Shown) -> None:
         """Replace the view and wake the pages that wait for it; nothing is queued."""
-        view = encode(shown, self._number + 1)
+        panels = {name: data_url(frame) for name, frame in shown.panels.items()}
+        is_driven = self.session.driver is not None
+        number = self._number + 1
+        view = {**vars(shown), "panels": panels, "is_driven": is_driven, "number": number}
         with self._changed:
-            self._number += 1
-            self._view = view
+            self._number = number
+            self._view = json.dumps(view).encode()
             self._changed.notify_all()
 
     def newer_than(self, number: int) -> bytes:
@@ -96,7 +92,7 @@ class Server(ThreadingTCPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """One connection of a page: its page at /, views at /views, messages to /, and nothing else."""
+    """One connection of a page; below the token are the page, views/NUMBER, and nothing else."""
 
     protocol_version = "HTTP/1.1"
     server: Server
@@ -105,29 +101,23 @@ class Handler(BaseHTTPRequestHandler):
         """Refuse requests without the token, and those of a page of another site."""
         if not super().parse_request():
             return False
-        parts = urlsplit(self.path)
-        self.path = parts.path
-        self.query = dict(parse_qsl(parts.query))
-        token = self.query.get("token", "")
-        origin = self.headers.get("Origin")
-        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
+        path, root = unquote(self.path), self.server.root
+        self.path = path[len(root) :]
+        has_token = hmac.compare_digest(path[: len(root)].encode(), root.encode())
+        origin = self.headers.get("Origin", f"http://{self.headers['Host']}")
+        is_allowed = has_token and origin.partition("//")[2] == self.headers["Host"]
+        if not is_allowed:
             self.send_error(403, "Open the address that `geovp display` printed, with its token.")
-        elif origin is not None and urlsplit(origin).netloc != self.headers.get("Host"):
-            self.send_error(403, "The page is of another site.")
-        else:
-            return True
-        return False
+        return is_allowed
 
     def do_GET(self) -> None:
-        """Send the page, or a newer view than the one with the number `after`."""
-        if self.path == "/":
-            text = resources.files(__package__).joinpath("page.html").read_text("utf-8")
-            is_driven = "false" if self.server.session.driver is None else "true"
-            text = text.replace('data-driven="false"', f'data-driven="{is_driven}"')
-            self._send("text/html; charset=utf-8", text.encode())
-        elif self.path == "/views":
-            view = self.server.newer_than(int(self.query["after"]))
-            self._send("application/octet-stream", view)
+        """Send the page, or a newer view than the one with the number in the path."""
+        folder, _, number = self.path.rpartition("/")
+        if self.path == "":
+            page = resources.files(__package__).joinpath("page.html")
+            self._send("text/html; charset=utf-8", page.read_bytes())
+        elif folder == "views" and number.isdecimal():
+            self._send("application/json", self.server.newer_than(int(number)))
         else:
             self.send_error(404)
 
@@ -149,7 +139,15 @@ class Handler(BaseHTTPRequestHandler):
 
     def _send(self, content_type: str, content: bytes) -> None:
         self.send_response(200)
-        headers = {"Content-Type": content_type, "Content-Length": str(len(content)), **HEADERS}
+        headers = {
+            "Content-Type": content_type,
+            "Content-Length": str(len(content)),
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; "
+            "style-src 'unsafe-inline'; connect-src 'self'; img-src data:",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
@@ -159,11 +157,7 @@ class Handler(BaseHTTPRequestHandler):
         """Log no requests."""
 
 
-def encode(shown: Shown, number: int) -> bytes:
-    """Return a view with its number: header and JPEG."""
-    header = json.dumps({**vars(shown), "panels": list(shown.panels), "number": number}).encode()
-    strip = np.concatenate(list(shown.panels.values()), axis=1)
-    _, jpeg = cv2.imencode(
-        ".jpg", cv2.cvtColor(strip, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 80]
-    )
-    return len(header).to_bytes(4, "big") + header + jpeg.tobytes()
+def data_url(frame: ByteArray) -> str:
+    """Return a frame [H, W, 3] as JPEG in an address."""
+    _, jpeg = cv2.imencode(".jpg", frame[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode()
