@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.display import drawing
+from geovp_benchmarks.display import commands, drawing
 from geovp_benchmarks.display.channel import Channel
 from geovp_benchmarks.display.commands import Driver, read_commands
 from geovp_benchmarks.display.session import Session, Shown
@@ -95,9 +95,10 @@ class TestCommands:
         with pytest.raises(BadData, match="is not a file of commands"):
             read_commands(path)
 
-    def test_a_driver_has_the_time_of_the_images(self) -> None:
+    def test_a_driver_has_the_time_of_the_images(self, monkeypatch: pytest.MonkeyPatch) -> None:
         clock = [100.0]
-        driver = Driver(lambda: clock[0], commands=deque(maxlen=3))
+        monkeypatch.setattr(commands.time, "monotonic", lambda: clock[0])
+        driver = Driver(commands=deque(maxlen=3))
         assert driver.at(5.0) == []
         for speed_m_s in range(5):
             driver.steer(speed_m_s, 0.1)

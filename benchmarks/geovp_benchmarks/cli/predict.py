@@ -40,7 +40,6 @@ CAMERA = {
         ),
     },
 }
-COMPONENT = "Name or TOML table of a {}, see `geovp list`. Default: {}."
 ARGUMENTS = {
     "": {"path INPUT": "Video, folder of images, or ROS bag."},
     "input": {
@@ -57,9 +56,15 @@ ARGUMENTS = {
     "prediction": {
         "--future N = 20": option("Number of predicted frames.", dest="num_future"),
         "--samples N = 1": option("Number of sampled futures.", dest="num_samples"),
-        "--pose-source SPEC": COMPONENT.format("pose-source", "refined"),
-        "--renderer SPEC": COMPONENT.format("renderer", "depth-fusion"),
-        "--predictor SPEC": COMPONENT.format("predictor", "geometric"),
+        "--pose-source SPEC": (
+            "Name or TOML table of a pose-source, see `geovp list`. Default: refined."
+        ),
+        "--renderer SPEC": (
+            "Name or TOML table of a renderer, see `geovp list`. Default: depth-fusion."
+        ),
+        "--predictor SPEC": (
+            "Name or TOML table of a predictor, see `geovp list`. Default: geometric."
+        ),
         "--matrix MATRIX": "Matrix of --method. Default: use the components above.",
         **shared("--method", "--device"),
     },
