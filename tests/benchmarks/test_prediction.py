@@ -21,7 +21,7 @@ from geovp_benchmarks.predict import exports, prediction
 from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic.data import pose_files
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Motion, Trajectory
+from geovp_classic.types import FloatArray, Intrinsics, Motion, Trajectory
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import write_images
 
@@ -264,7 +264,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
 def test_frames_keep_the_aspect_unless_a_size_is_given(
     width_px: int, height_px: int, expected: tuple[int, int]
 ) -> None:
-    assert output_size(width_px, height_px) == expected
+    assert output_size(Intrinsics(500, 500, 0, 0, width_px, height_px)) == expected
 
 
 def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command: Command) -> None:

@@ -22,8 +22,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
-DISPLAY_WIDTH_PX = 480  # about 6 pushed frames per second on two cores
-
 
 @dataclass(frozen=True)
 class Source:
@@ -54,10 +52,8 @@ class Source:
             _, recording = find_camera(recording, lens, len(numbers), request)
         else:
             recording, numbers = _sequence(request, sequence)
-        stored = recording.intrinsics
-        size_px = request.size_px or output_size(
-            stored.width_px, stored.height_px, DISPLAY_WIDTH_PX
-        )
+        # About 6 pushed frames per second on two cores.
+        size_px = request.size_px or output_size(recording.intrinsics, max_side_px=480)
         return cls(recording, numbers, size_px, is_camera)
 
     @property
@@ -106,7 +102,7 @@ class Source:
 
 def _camera(request: PredictionRequest) -> Recording:
     """Return a recording of one frame, which is always the next image of a camera."""
-    if request.fov_deg is None and request.intrinsics is None and request.calibration is None:
+    if not request.has_camera:
         raise BadData("a camera needs its intrinsics: give --fov, --calibration or --intrinsics")
     capture = cv2.VideoCapture(int(request.path.name))
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older images would only add delay
@@ -133,8 +129,7 @@ def _camera(request: PredictionRequest) -> Recording:
 
 def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recording, range]:
     """Return a recording of a data set, by default the first, and the numbers of its frames."""
-    given = (request.fov_deg, request.intrinsics, request.calibration, request.rate_hz)
-    if any(value is not None for value in given):
+    if request.has_camera or request.rate_hz:
         raise BadData(
             f"{request.path} has its own calibration and times: remove --fov, --intrinsics, "
             "--calibration and --fps"

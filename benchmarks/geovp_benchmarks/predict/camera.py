@@ -46,7 +46,7 @@ def find_camera(
     if request.calibration is not None:
         source = "calibration file"
         lens = read_camera(request.calibration, request.path, (width_px, height_px))
-    elif recorded is not None and not (request.intrinsics or request.fov_deg):
+    elif recorded is not None and not request.has_camera:
         source, lens = "CameraInfo", recorded
     else:
         numbers = request.intrinsics
@@ -74,7 +74,7 @@ def _focal_length(
             focal_px = exif_focal_px(recording.frames.paths[0])
             if focal_px is not None:
                 return focal_px, "EXIF data", None
-        size_px = output_size(width_px, recording.intrinsics.height_px, max_side_px=1280)
+        size_px = output_size(recording.intrinsics, max_side_px=1280)
         estimate = FocalLengthEstimator().estimate(_windows(recording, num_observed, size_px))
         if estimate is not None and estimate.is_sure:
             scale = width_px / size_px[0]

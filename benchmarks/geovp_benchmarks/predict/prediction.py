@@ -17,7 +17,7 @@ from geovp_classic import registry
 from geovp_classic.api import evaluate
 from geovp_classic.data import bags, windows
 from geovp_classic.data.folder import Folder
-from geovp_classic.data.frames import FrameFiles
+from geovp_classic.data.rosbag import RosBag
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
@@ -30,7 +30,6 @@ from geovp_classic.types import (
     ByteArray,
     Context,
     FloatArray,
-    Intrinsics,
     Motion,
     Prediction,
     PrivilegedInput,
@@ -94,8 +93,7 @@ class Predicted:
             )
         if (motion.past.scale_uncertainty or 0.0) >= MIN_SPREAD:
             yield "no road was found: the scale is that of typical driving speeds"
-        path = motion.past.world_from_cam[:, :3, 3]
-        if (path == path[0]).all():
+        if not se3.step_lengths(motion.past.world_from_cam).any():
             yield "the camera is stationary, so the prediction is static"
 
     def about(self) -> dict[str, Any]:
@@ -160,8 +158,7 @@ def predict(request: PredictionRequest) -> Predicted:
         )
     announce("calibrating", 1)
     camera, recording = find_camera(recording, lens, first + num_past, request)
-    stored = recording.intrinsics
-    size_px = request.size_px or output_size(stored.width_px, stored.height_px)
+    size_px = request.size_px or output_size(recording.intrinsics)
     num_recorded = min(num_past + request.num_future, num_frames - first)
     clip = windows.cut(recording, first, num_recorded, size_px, with_full=request.with_full)
     past_s = clip.times_s[:num_past]
@@ -181,32 +178,26 @@ def predict(request: PredictionRequest) -> Predicted:
 
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
     """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
-    numbers = (1000.0, 1000.0, 0.0, 0.0)
-    if bags.is_bag(request.path):
-        if request.rate_hz is not None:
-            raise BadData(f"{request.path} states its times: leave out --fps")
-        bag = bags.Bag(request.path)
-        images = bags.BagImages(bag, request.topic, None)
-        recording = Recording(
-            request.path.name,
-            FrameFiles(images.names, (images.size_px,) * len(images.names), images.read),
-            images.times_s,
-            Intrinsics(*numbers, *images.size_px),
-            camera_height_m=request.camera_height_m,
-        )
-        return recording, bag.camera(images.topic, images.size_px)
-    if request.topic is not None:
-        raise BadData(f"{request.path} is not a bag: leave out --topic")
-    if request.path.is_dir() and request.rate_hz is None:
-        raise BadData(f"{request.path} is a folder of images, which have no times: give --fps")
-    folder = Folder(
-        path=request.path,
-        num_frames=2,
-        intrinsics=numbers,
-        frame_rate_hz=request.rate_hz,
-        camera_height_m=request.camera_height_m,
-    )
-    return next(iter(folder.recordings.values())), None
+    path, topic = request.path, request.topic
+    settings: dict[str, Any] = {
+        "num_frames": 2,
+        "intrinsics": (1000.0, 1000.0, 0.0, 0.0),
+        "camera_height_m": request.camera_height_m,
+    }
+    if not bags.is_bag(path):
+        if topic is not None:
+            raise BadData(f"{path} is not a bag: leave out --topic")
+        if path.is_dir() and request.rate_hz is None:
+            raise BadData(f"{path} is a folder of images, which have no times: give --fps")
+        folder = Folder(path=path, frame_rate_hz=request.rate_hz, **settings)
+        return next(iter(folder.recordings.values())), None
+    if request.rate_hz is not None:
+        raise BadData(f"{path} states its times: leave out --fps")
+    dataset = RosBag(path, image_topic=topic, pose_topic="", **settings)
+    (recording,) = dataset.recordings.values()
+    stored, bag = recording.intrinsics, bags.Bag(path)
+    size_px = stored.width_px, stored.height_px
+    return recording, bag.camera(bag.choose("image", topic), size_px)
 
 
 def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:
@@ -215,9 +206,8 @@ def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:
     A wrong principal point turns the path by the angle of its offset. In turns, a camera in front
     of the rear axle also moves sideways. None if the camera never moved straight.
     """
-    poses, times_s = motion.past.world_from_cam, motion.past.times_s
-    steps = se3.inverse(poses[:-1]) @ poses[1:]
-    turn_rates = se3.rotation_angle_rad(steps) / np.diff(times_s)
+    steps = se3.steps(motion.past.world_from_cam)
+    turn_rates = se3.rotation_angle_rad(steps) / np.diff(motion.past.times_s)
     is_straight = motion.tracked[1:] & (turn_rates < np.radians(max_turn_deg_s))
     right, down, ahead = steps[is_straight, :3, 3].sum(axis=0)
     if not (right or down or ahead):

@@ -13,6 +13,7 @@ from geovp_classic.api import default_pose_source
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.types import Intrinsics
 
 Spec = dict[str, Any] | str
 
@@ -42,6 +43,11 @@ class PredictionRequest:
     mask: Path | None = None
     device: str | None = None
     topic: str | None = None  # of images, if a bag has several
+
+    @property
+    def has_camera(self) -> bool:
+        """Return whether an option describes the camera."""
+        return bool(self.intrinsics or self.fov_deg or self.calibration)
 
     def build(self) -> FramePredictor:
         """Build the predictor; by default refined odometry with a forecast, and depth fusion.
@@ -78,7 +84,8 @@ class PredictionRequest:
         )
 
 
-def output_size(width_px: int, height_px: int, max_side_px: int = 640) -> tuple[int, int]:
+def output_size(stored: Intrinsics, max_side_px: int = 640) -> tuple[int, int]:
     """Return an even width and height in a video's aspect, at most as large as the video."""
-    scale = min(1.0, max_side_px / max(width_px, height_px))
-    return max(2, 2 * round(width_px * scale / 2)), max(2, 2 * round(height_px * scale / 2))
+    scale = min(1.0, max_side_px / max(stored.width_px, stored.height_px))
+    half_width, half_height = scale * stored.width_px / 2, scale * stored.height_px / 2
+    return 2 * max(1, round(half_width)), 2 * max(1, round(half_height))
