@@ -12,7 +12,7 @@ from geovp_classic.types import ByteArray
 class Sent:
     """An image on its way."""
 
-    arrival_s: float  # since the start of the replay
+    arrival_s: float  # on the clock of `send` and `receive`
     number: int
     time_s: float  # when it was taken
     frame: ByteArray  # [H, W, 3]; never compared, because numbers differ

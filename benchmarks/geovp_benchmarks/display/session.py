@@ -80,7 +80,7 @@ class Session:
                     self._restart()
                     showing = pool.submit(self._show, publish, stop)
                     while not showing.done():
-                        arrived = self._channel.receive(self._elapsed_s())
+                        arrived = self._channel.receive(time.monotonic())
                         if arrived:
                             self._push(max(arrived, key=lambda sent: sent.number))
                         else:
@@ -113,19 +113,15 @@ class Session:
         return Shown(panels, warning, age_s, confidence, self.is_dimming)
 
     def _restart(self) -> None:
-        """Forget all images and start the clock."""
+        """Forget all images."""
         self.live.reset()
         self._channel = replace(self.channel)
         self._late: Sent | None = None  # the newest image that the predictor has
-        self._start_s = time.monotonic()
-
-    def _elapsed_s(self) -> float:
-        return time.monotonic() - self._start_s
 
     def _show(self, publish: Publish, stop: threading.Event) -> None:
         """Send the images of the source, and show a view at the time of each."""
         for number, time_s, frame in self.source.images(stop):
-            self._channel.send(number, frame, time_s, self._elapsed_s())
+            self._channel.send(number, frame, time_s, time.monotonic())
             publish(self.draw_present(time_s, frame))
 
     def _push(self, sent: Sent) -> None:

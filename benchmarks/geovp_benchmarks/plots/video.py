@@ -18,12 +18,12 @@ def film(
 ) -> ByteArray:
     """Return the labelled frames [P + F, H', W', 3] of a video."""
     seen = [labelled(frame, "observed") for frame in observed]
-    left = np.array(seen + [labelled(frame, "predicted") for frame in predicted])
+    left = seen + [labelled(frame, "predicted") for frame in predicted]
     if not len(actual):
-        return left
-    real = [labelled(frame, "real") for frame in actual]
+        return np.array(left)
+    right = seen + [labelled(frame, "real") for frame in actual]
     unrecorded = labelled(np.zeros_like(predicted[0]), "not recorded")
-    right = seen + real + [unrecorded] * (len(predicted) - len(actual))
+    right += [unrecorded] * (len(left) - len(right))
     return np.concatenate([left, right], axis=2)
 
 

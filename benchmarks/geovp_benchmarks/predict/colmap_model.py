@@ -36,8 +36,9 @@ def build_model(
         is_visible = np.abs(seen / depth - 1) < max_difference
         pixels[number, is_visible] = projected[is_visible] + 0.5
     params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]
-    size = {"width": camera.width_px, "height": camera.height_px}
-    pinhole_camera = pycolmap.Camera(camera_id=1, model="PINHOLE", params=params, **size)
+    pinhole_camera = pycolmap.Camera(
+        camera_id=1, model="PINHOLE", params=params, width=camera.width_px, height=camera.height_px
+    )
     model = reconstruction(cam_from_world, points, pixels, pinhole_camera)
     for number, name in enumerate(names, 1):
         model.image(number).name = name

@@ -150,11 +150,12 @@ def predict(request: PredictionRequest) -> Predicted:
     announce("reading frames")
     recording, lens = read_recording(request)
     num_past, num_frames = request.num_past, len(recording.frames)
-    first = num_frames - num_past if request.first is None else request.first
-    if not 0 <= first <= num_frames - num_past:
+    latest = num_frames - num_past
+    first = latest if request.first is None else request.first
+    if not 0 <= first <= latest:
         raise BadData(
             f"{request.path} has {num_frames} frames, of which {num_past} must be seen: "
-            f"the last possible --first is {num_frames - num_past}; or give a smaller --past"
+            f"the last possible --first is {latest}; or give a smaller --past"
         )
     announce("calibrating", 1)
     camera, recording = find_camera(recording, lens, first + num_past, request)
