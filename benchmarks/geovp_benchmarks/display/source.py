@@ -134,9 +134,11 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
             f"{request.path} has its own calibration and times: remove --fov, --intrinsics, "
             "--calibration and --fps"
         )
-    table = {**layouts.spec(Path(request.path)), "num_frames": 2}
-    if sequence is not None:
-        table["sequences"] = [sequence]
+    table = {
+        **layouts.spec(request.path),
+        "num_frames": 2,
+        "sequences": sequence and [sequence],
+    }
     if request.camera_height_m is not None:
         table["camera_height_m"] = request.camera_height_m
     dataset = registry.build("datasets", table)

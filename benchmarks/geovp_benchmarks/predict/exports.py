@@ -90,16 +90,15 @@ def write_depths(
 
 
 def _write_videos(predicted: Predicted, folder: Path) -> None:
-    observed, frames = predicted.context.frames, predicted.prediction.frames[0]
-    rows = {"predicted": frames, "real": predicted.actual} | predicted.shown
-    times_s = predicted.context.times_s
-    strip, past = Page("strip"), predicted.context.num_past
-    ahead_s = times_s[past:] - times_s[past - 1]
-    recorded = {name: shown for name, shown in rows.items() if len(shown)}
-    clips.draw_strip(strip, recorded, ahead_s, Options(width_in=8.0))
+    context, frames = predicted.context, predicted.prediction.frames[0]
+    rows = {"predicted": frames, "real": predicted.actual, **predicted.shown}
+    recorded = {name: row for name, row in rows.items() if len(row)}
+    past_s, future_s = np.split(context.times_s, [context.num_past])
+    strip = Page("strip")
+    clips.draw_strip(strip, recorded, future_s - past_s[-1], Options(width_in=8.0))
     strip.write(folder / "strip.png")
-    film = video.film(observed, frames, predicted.actual)
-    rate_hz = 1 / float(np.mean(np.diff(times_s)))
+    film = video.film(context.frames, frames, predicted.actual)
+    rate_hz = 1 / float(np.mean(np.diff(context.times_s)))
     if importlib.util.find_spec("av"):  # an extra; the gif shows the same
         video.write_mp4(folder / "film.mp4", film, rate_hz)
     video.write_gif(folder / "film.gif", film, rate_hz)
