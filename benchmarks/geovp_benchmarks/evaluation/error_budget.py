@@ -15,13 +15,12 @@ from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Dataset, FrameMetric
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.types import ByteArray, Clip, FloatArray, PrivilegedInput
+from geovp_classic.types import ByteArray, FloatArray, PrivilegedInput
 
-# Predicted and real frames [N, H, W, 3] of a variant, which is any value that can be a key.
-Predict = Callable[[Any], tuple[ByteArray, ByteArray]]
+# Returns predicted and real frames [N, H, W, 3] of a variant, which is any value that can be a key.
+Predict = Callable[[OracleClip, Any], tuple[ByteArray, ByteArray]]
 Pairs = dict[str, dict[str, tuple[Any, Any]]]  # variants before and after, by row and column
 
 
@@ -42,53 +41,45 @@ class Method:
         """Return the future steps that are scored, from 0."""
         return [step for step in (0, 4, 9, 14, 19) if step < self.matrix.num_future]
 
-    def with_truth(self, clip: Clip) -> OracleClip:
-        """Return a clip that can be predicted with stages from ground truth."""
-        return OracleClip(self.predictor, clip, self.matrix.num_past, self.steps)
-
     def score(
-        self, pairs: Pairs, prepare: Callable[[Clip], Predict]
+        self, variants: Iterable[Any], predict: Predict
     ) -> tuple[dict[Any, FloatArray], list[str], list[str]]:
         """Return scores [metrics, clips] by variant, the clips, and why variants are impossible.
 
         Scores of an impossible variant are NaN. Raises Incompatible if all are, on all clips.
         """
         shape = len(self.metrics), self.num_clips
-        scores = {
-            variant: np.full(shape, np.nan)
-            for row in pairs.values()
-            for pair in row.values()
-            for variant in pair
-        }
+        scores = {variant: np.full(shape, np.nan) for variant in variants}
         names: list[str] = []
-        reasons: dict[str, Incompatible] = {}
+        reasons: list[str] = []
         for number in tracked(range(self.num_clips)):
             clip = self.dataset[number]
             names.append(clip.name)
-            predict = prepare(clip)
-            for variant, of_variant in scores.items():
+            oracle = OracleClip(self.predictor, clip, self.matrix.num_past, self.steps)
+            for variant, values in scores.items():
                 try:
-                    frames = predict(variant)
-                    values = [metric(*frames, None).mean() for metric in self.metrics.values()]
-                    of_variant[:, number] = values
+                    frames = predict(oracle, variant)
+                    means = [metric(*frames, None).mean() for metric in self.metrics.values()]
+                    values[:, number] = means
                 except Incompatible as error:
-                    reasons[str(error)] = error
+                    reasons.append(str(error))
         if np.isnan([*scores.values()]).all():
-            raise next(iter(reasons.values()))
-        return scores, names, [*reasons]
+            raise Incompatible(reasons[0])
+        return scores, names, [*dict.fromkeys(reasons)]
 
     def change_tables(
         self,
         pairs: Pairs,
         levels: Mapping[str, Any],  # variants
-        prepare: Callable[[Clip], Predict],
+        predict: Predict,
         notes: Iterable[str] = (),
     ) -> list[Table]:
         """Return the paired changes per metric, with the mean scores of `levels` in the title.
 
         Raises Incompatible if all variants are impossible on all clips.
         """
-        scores, names, reasons = self.score(pairs, prepare)
+        variants = (variant for row in pairs.values() for pair in row.values() for variant in pair)
+        scores, names, reasons = self.score(variants, predict)
         horizons = ", ".join(str(step + 1) for step in self.steps)
         title = (
             f"{self.label}: {len(names)} clips of {self.dataset.name}, "
@@ -171,31 +162,15 @@ def error_budget(method: Method) -> list[Table]:
         }
     notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
     levels = {"forecast": nothing, "truth": everything}
-    return method.change_tables(pairs, levels, lambda clip: method.with_truth(clip).frames, notes)
+    return method.change_tables(pairs, levels, OracleClip.frames, notes)
 
 
 def pose_sensitivity(method: Method) -> list[Table]:
     """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
     exact = (0.0,) * 6
     pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}
-
-    def prepare(clip: Clip) -> Predict:
-        oracle = method.with_truth(clip)
-        truth = Oracles(STAGES[:7])
-        poses = oracle.motion(truth).futures[0, oracle.steps]
-        real = oracle.target.frames[oracle.steps]
-        if not oracle.truth.past.is_metric:
-            raise Incompatible(f"{clip.name} has no metric poses: offsets are in metres")
-
-        def view(offset: tuple[float, ...]) -> tuple[ByteArray, ByteArray]:
-            cams = [se3.exp(sign * np.array(offset)) for sign in (-1, 1)]
-            frames = [oracle.render(truth, poses @ cam).frames for cam in cams]
-            return np.concatenate(frames), np.concatenate([real, real])
-
-        return view
-
     notes = ["a change is the mean of those by the offset and by its opposite"]
-    return method.change_tables(pairs, {"no offset": exact}, prepare, notes)
+    return method.change_tables(pairs, {"no offset": exact}, OracleClip.moved_frames, notes)
 
 
 def offsets(

@@ -19,6 +19,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.depth.given import Given
@@ -31,7 +32,15 @@ from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.exposure import ToneCurve
-from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Motion, Views
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+    Views,
+)
 
 Oracles = frozenset[str]  # the stages from ground truth
 POSE_STAGES = ("across", "height", "along", "yaw", "pitch", "roll")
@@ -44,13 +53,11 @@ class OracleClip:
     def __init__(
         self, predictor: GeometricPredictor, clip: Clip, num_past: int, steps: Sequence[int]
     ) -> None:
-        truth = Registered()
         self.source, self.renderer = predictor.pose_source, predictor.renderer
         self.true_depth = with_true_depth(self.renderer, clip) or self.renderer
-        needs = predictor.needs | truth.needs | self.true_depth.needs
-        self.context, self.target = clip.split(num_past, needs)
+        self.context, self.target = clip.split(num_past, ~PrivilegedInput.NONE)
         self.steps = np.array(steps)  # of the future, to be scored
-        self.truth = truth.estimate(self.context)
+        self.truth = Registered().estimate(self.context)
         self.estimate = self.source.estimate(self.context.only(self.source.needs))
         real, estimated = (
             float(se3.step_lengths(path.world_from_cam[[0, -1]])[0])  # from the first to the last
@@ -58,7 +65,6 @@ class OracleClip:
         )
         self.metres_per_unit = real / estimated if real and estimated else 1.0
         self.scene = functools.cache(self._scene)
-        self.view = functools.cache(self._view)
 
     def frames(self, oracles: Oracles) -> tuple[ByteArray, ByteArray]:
         """Return predicted and real frames [N, H, W, 3].
@@ -66,22 +72,32 @@ class OracleClip:
         Frames with less than 10 % of covered pixels at true poses are left out. Raises
         Incompatible if there is no other frame.
         """
-        shown = Oracles(STAGES[:8])  # by the scene
-        is_seen = self.view(shown).covered
-        used = is_seen.mean(axis=(1, 2)) >= 0.1
+        used = self.is_seen.mean(axis=(1, 2)) >= 0.1
         if not used.any():
             raise Incompatible(f"{self.context.name}: the future shows nothing of the past")
-        views = self.view(oracles & shown)
+        views = self.view(oracles)
         steps, frames = self.steps[used], views.frames[used]
         real = self.target.frames[steps]
         if "exposure" in oracles:
             triples = zip(frames, real, views.covered[used], strict=True)
             frames = np.stack([matched_exposure(*triple) for triple in triples])
         if "holes" in oracles:
-            frames = np.where(is_seen[used][..., None], frames, real)
+            frames = np.where(self.is_seen[used][..., None], frames, real)
         if "dynamic objects" in oracles and self.target.moving is not None:
             frames = np.where(self.target.moving[steps][..., None], real, frames)
         return frames, real
+
+    def moved_frames(self, twist: tuple[float, ...]) -> tuple[ByteArray, ByteArray]:
+        """Return frames from true poses moved by a twist [6] and its opposite, and real frames.
+
+        Raises Incompatible without metric poses.
+        """
+        if not self.truth.past.is_metric:
+            raise Incompatible(f"{self.context.name} has no metric poses: offsets are in metres")
+        signed = np.outer([-1, 1], twist)
+        frames = [self.view(Oracles(STAGES[:7]), each).frames for each in signed]
+        real = self.target.frames[self.steps]
+        return np.concatenate(frames), np.concatenate([real, real])
 
     def motion(self, oracles: Oracles) -> Motion:
         """Return the motion with these stages from ground truth."""
@@ -110,14 +126,17 @@ class OracleClip:
         past = self.motion(oracles).past
         return renderer.reconstruct(self.context.only(renderer.needs), past)
 
-    def _view(self, oracles: Oracles) -> Views:
-        return self.render(oracles, self.motion(oracles).futures[0, self.steps])
-
-    def render(self, oracles: Oracles, world_from_cam: FloatArray) -> Views:
-        """Render the scene from poses [N, 4, 4] at the scored steps."""
-        scene = self.scene(oracles & {"past", "depth"})
+    def view(self, oracles: Oracles, twist: npt.ArrayLike = (0.0,) * 6) -> Views:
+        """Render the scored steps, with each camera moved by a twist [6]."""
+        poses = self.motion(oracles).futures[0, self.steps] @ se3.exp(np.array(twist))
         times_s = self.context.times_s[self.context.num_past + self.steps]
-        return scene.view(world_from_cam, times_s, self.context.intrinsics)
+        scene = self.scene(oracles & {"past", "depth"})
+        return scene.view(poses, times_s, self.context.intrinsics)
+
+    @functools.cached_property
+    def is_seen(self) -> BoolArray:
+        """Return which pixels [N, H, W] the scene covers with all stages from ground truth."""
+        return self.view(Oracles(STAGES)).covered
 
 
 def with_true_depth(renderer: Renderer, clip: Clip) -> Renderer | None:

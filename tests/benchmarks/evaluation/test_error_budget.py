@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.evaluation.error_budget import Method, offsets, read_method
+from geovp_benchmarks.evaluation.oracles import OracleClip
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.errors import Incompatible
@@ -64,13 +65,13 @@ def test_impossible_variants_leave_out_the_clip(method: Method) -> None:
     grey = np.full((1, 32, 32, 3), 100, np.uint8)
     calls = []
 
-    def predict(variant: str) -> tuple[ByteArray, ByteArray]:
+    def predict(oracle: OracleClip, variant: str) -> tuple[ByteArray, ByteArray]:
         calls.append(variant)
         if len(calls) == 4:
             raise Incompatible("no scale")
         return grey + np.uint8(variant == "wrong"), grey - np.uint8(1)
 
-    (table,) = method.change_tables(PAIRS, {"start": "wrong"}, lambda clip: predict)
+    (table,) = method.change_tables(PAIRS, {"start": "wrong"}, predict)
     # One level off is 48.13 dB, two are 42.11 dB.
     lines = markdown(table).splitlines()
     assert lines[0].endswith("change of PSNR (dB), start 42.11")
@@ -79,11 +80,11 @@ def test_impossible_variants_leave_out_the_clip(method: Method) -> None:
 
 
 def test_a_method_that_is_impossible_on_all_clips_is_refused(method: Method) -> None:
-    def predict(variant: str) -> tuple[ByteArray, ByteArray]:
+    def predict(oracle: OracleClip, variant: str) -> tuple[ByteArray, ByteArray]:
         raise Incompatible("no scale")
 
     with pytest.raises(Incompatible, match="no scale"):
-        method.change_tables(PAIRS, {}, lambda clip: predict)
+        method.change_tables(PAIRS, {}, predict)
 
 
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
