@@ -8,19 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
-from geovp_benchmarks.results.stored_facts import facts_of
+from geovp_benchmarks.results.stored_facts import facts_of, metric_of
 from geovp_benchmarks.results.validation import validated
-from geovp_benchmarks.running.task import Task, build_matrix, score_clip
+from geovp_benchmarks.running.task import Scored, Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
-
-Values = Mapping[tuple[str, int, int], float]  # by metric, sample and step, where defined
 
 
 @dataclass(frozen=True)
@@ -72,22 +68,21 @@ def sample(results: Results, count: int, seed: int, root: Path | None) -> list[P
 def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     """Recompute stored scores, twice if they differ; nothing is written into the results."""
     label = f"{pair.method.label}, {pair.clip}"
-    announce(label)
     try:
         matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
         predictor = built.predictors[pair.method.name]
         if isinstance(predictor, Failure):
             raise GeovpError(predictor.reason)
-        recomputed = _recompute(pair, matrix)
+        recomputed, record = _recompute(pair, matrix)
         stored = replace(pair.results, subset=frozenset({pair.clip})).scores(pair.method.name)
         unavailable = built.metrics.unavailable
         differences = {
             name: difference
-            for name, difference in _differences(_values(stored), recomputed).items()
-            if name.partition("@")[0] not in unavailable
+            for name, difference in _differences(stored, recomputed).items()
+            if metric_of(name) not in unavailable
         }
-        is_random = differences and _differences(recomputed, _recompute(pair, matrix))
+        is_random = differences and _differences(recomputed, _recompute(pair, matrix)[0])
     except GeovpError as problem:
         return Verdict(f"{label}: cannot be computed here: {problem}")
     is_reproduced = max(differences.values(), default=0.0) <= tolerance
@@ -98,19 +93,18 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     words += [f"{name} cannot be compared" for name in unavailable]
     if is_random:
         words.append("not deterministic: two computations here differ as well")
-    if (code := code_hash([predictor])) != pair.record.code:
-        words.append(f"stored by code {pair.record.code}, here it is {code}")
+    if record.code != pair.record.code:
+        words.append(f"stored by code {pair.record.code}, here it is {record.code}")
     return Verdict(f"{label}: {'; '.join(words)}", is_reproduced, unavailable)
 
 
 def _in_words(differences: Mapping[str, float], protocol: Mapping[str, Any]) -> str:
     """Return the largest differences with their units."""
-    names = sorted(differences, key=lambda name: -differences[name])[:3]
-    units = [facts_of(name, protocol).get("unit", "") for name in names]
-    return ", ".join(
-        f"{name} {differences[name]:.3g} {unit}".rstrip()
-        for name, unit in zip(names, units, strict=True)
-    )
+    texts = [
+        f"{name} {difference:.3g} {facts_of(name, protocol).get('unit', '')}".rstrip()
+        for name, difference in sorted(differences.items(), key=lambda item: -item[1])
+    ]
+    return ", ".join(texts[:3])
 
 
 def other_versions(results: Results) -> Iterator[str]:
@@ -137,27 +131,26 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
     return validated(Matrix, fields, "protocol.json").override(root=root)
 
 
-def _recompute(pair: Pair, matrix: Matrix) -> Values:
+def _recompute(pair: Pair, matrix: Matrix) -> Scored:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
     index = pair.results.protocol()["clips"].index(pair.clip)
     task = Task(matrix.model_dump_json(), pair.results.root, index, pair.clip, [pair.method])
     [(scores, record)] = score_clip(task)
     if record.failures and pair.clip not in pair.record.failures:
         raise GeovpError(record.failures[pair.clip].reason)
-    return _values(scores)
+    return scores, record
 
 
-def _values(scores: Scores) -> Values:
-    """Return the scores of a clip."""
-    return {
-        (metric, sample, step): value
-        for _, sample, step, metric, value in scores.rows()
-        if not math.isnan(value)
-    }
-
-
-def _differences(stored: Values, recomputed: Values) -> dict[str, float]:
+def _differences(*pair: Scores) -> dict[str, float]:
     """Return the largest difference of each metric with values that are not identical."""
+    stored, recomputed = (
+        {
+            (metric, sample, step): value
+            for _, sample, step, metric, value in scores.rows()
+            if not math.isnan(value)
+        }
+        for scores in pair
+    )
     differences: dict[str, float] = {}
     for key in stored.keys() | recomputed.keys():
         difference = abs(stored.get(key, math.inf) - recomputed.get(key, math.inf))
