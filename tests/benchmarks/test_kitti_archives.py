@@ -48,7 +48,9 @@ def test_the_drives_of_a_protocol_are_named(
     assert cli.main(["doctor", str(tmp_path), "--protocol", "fvs20"]) == 0
 
 
-@pytest.mark.parametrize(("protocol", "code"), [("thesis", 1), ("synsin20", 1), ("svg18", 2)])
+@pytest.mark.parametrize(
+    ("protocol", "code"), [("thesis", 1), ("synsin20", 1), ("svg18", 2), ("fvs20-cityscapes", 2)]
+)
 def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) -> None:
     assert cli.main(["doctor", str(tmp_path), "--protocol", protocol]) == code
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
@@ -12,37 +11,39 @@ from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 
 
-def needed(protocol: str) -> tuple[dict[str, Any], list[str]]:
-    """Return the data set of a protocol, and the names of its sequences.
+def missing_for_protocol(root: Path, name: str) -> list[str]:
+    """Return the lines about archives that a protocol needs and a root lacks.
 
-    BadData if it is not KITTI.
+    BadData if its data set is not KITTI.
     """
-    loaded = protocols.load(protocol)
-    if loaded.dataset is None:
-        raise BadData(f"--protocol {protocol}: is measured on {loaded.data}, not on KITTI")
-    spec = dict(loaded.dataset)
-    if spec.get("split"):
-        ranges = splits.load(spec["split"])
+    protocol = protocols.load(name)
+    dataset = protocol.dataset
+    if dataset is None or not dataset["name"].startswith("kitti"):
+        raise BadData(f"--protocol {name}: is measured on {protocol.data}, not on KITTI")
+    if "split" in dataset:
+        ranges = splits.load(dataset["split"])
     else:
-        ranges = tuple(map(FrameRange.parse, spec["sequences"]))
-    return spec, [frames.sequence for frames in ranges]
+        ranges = tuple(map(FrameRange.parse, dataset["sequences"]))
+    sequences = [frames.sequence for frames in ranges]
+    return missing_archives(root, dataset["name"], sequences, dataset.get("camera"))
 
 
-def missing_archives(root: Path, spec: dict[str, Any], sequences: Iterable[str]) -> list[str]:
+def missing_archives(
+    root: Path, dataset: str, sequences: Iterable[str], camera: int | None = None
+) -> list[str]:
     """Return the lines about KITTI's archives that a root lacks; none for other data sets."""
     missing = []
-    if spec["name"] == "kitti":
-        missing = kitti_archives.missing_odometry(root, sequences, spec.get("camera"))
-    elif spec["name"] == "kitti-raw":
+    if dataset == "kitti":
+        missing = kitti_archives.missing_odometry(root, sequences, camera)
+    elif dataset == "kitti-raw":
         missing = kitti_archives.missing_raw(root, sequences)
     if not missing:
         return []
-    rows = [list(archive) for archive in missing]
     return [
         "",
         "missing archives of www.cvlibs.net/datasets/kitti (download them with your own account):",
         "",
-        *grid([kitti_archives.COLUMNS, *rows]),
+        *grid([kitti_archives.COLUMNS, *map(list, missing)]),
         "",
         f"unpack them so that the paths above lie in {root}",
     ]

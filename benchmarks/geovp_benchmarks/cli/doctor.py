@@ -32,18 +32,17 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
-    from geovp_benchmarks.audit.completeness import examine_results, missing_archives, needed
+    from geovp_benchmarks.audit import completeness
     from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data import layouts
     from geovp_classic.data.doctor import Doctor
 
     if args.protocol:
-        spec, sequences = needed(args.protocol)
-        lines = missing_archives(args.root, spec, sequences)
+        lines = completeness.missing_for_protocol(args.root, args.protocol)
         yield from lines or [f"{args.root} has all that {args.protocol} needs"]
         return int(bool(lines))
     if (args.root / "protocol.json").exists():
-        findings = [*examine_results(args.root)]
+        findings = [*completeness.examine_results(args.root)]
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
@@ -55,5 +54,5 @@ def run(args: argparse.Namespace) -> LinesAndCode:
         yield f"{finding.severity}: {finding}"
     yield f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}"
     name, dataset = layouts.detect(args.root)
-    yield from missing_archives(args.root, {"name": name}, dataset.folders())
+    yield from completeness.missing_archives(args.root, name, dataset.folders())
     return int(not diagnosis.is_sound)
