@@ -4,6 +4,7 @@ by name.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -97,7 +98,7 @@ DEFINITIONS: dict[str, dict[str, Definition]] = {
 )
 def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, column: str) -> None:
     predicted, target = frames()
-    metric = registry.build("frame_metrics", protocols.ALL[protocol].metrics[column])
+    metric = registry.build("frame_metrics", protocols.load(protocol).metrics[column])
     expected = [
         DEFINITIONS[protocol][column](p / 255, t / 255)
         for p, t in zip(predicted, target, strict=True)
@@ -107,7 +108,7 @@ def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, c
 
 def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
     predicted, target = frames()
-    metrics = protocols.ALL["fvs20"].metrics
+    metrics = protocols.load("fvs20").metrics
     assert list(metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
     # pytorch-msssim 1.0.0, ms_ssim(..., data_range=1.0), on the same frames
     values = registry.build("frame_metrics", metrics["ms-ssim"])(predicted, target, None)
@@ -116,7 +117,7 @@ def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
 
 
 def test_fvs20_has_1337_clips() -> None:
-    protocol = protocols.ALL["fvs20"]
+    protocol = protocols.load("fvs20")
     lengths = (78, 383, 433, 475)
     assert protocol.num_clips == sum(
         length - (protocol.num_past + protocol.num_future) + 1 for length in lengths
@@ -124,8 +125,8 @@ def test_fvs20_has_1337_clips() -> None:
 
 
 def test_fvs20_on_cityscapes_has_a_clip_of_each_snippet() -> None:
-    protocol = protocols.ALL["fvs20-cityscapes"]
-    assert protocol.metrics == protocols.ALL["fvs20"].metrics
+    protocol = protocols.load("fvs20-cityscapes")
+    assert protocol.metrics == protocols.load("fvs20").metrics
     starts = range(0, 30 - (protocol.num_past + protocol.num_future) + 1, protocol.stride)
     assert list(starts) == [0]
     assert protocol.num_clips == 500  # snippets of val, as DMVFN's folders test/000000 to 000499
@@ -170,11 +171,11 @@ def test_a_protocol_that_cannot_be_followed_is_told(name: object, message: str) 
         schema.parse("m", {**FOLLOWS, "protocol": {"name": name}})
 
 
-@pytest.mark.parametrize("name", list(protocols.ALL))
+@pytest.mark.parametrize("name", tomllib.loads(protocols.TABLES.read_text()))
 def test_every_protocol_gives_a_matrix_whose_metrics_can_be_built(name: str) -> None:
     protocol = {"name": name, "root": "somewhere", "dataset": "synthetic"}
     parsed = schema.parse(name, {**FOLLOWS, "protocol": protocol})
-    assert parsed.num_future == protocols.ALL[name].num_future
+    assert parsed.num_future == protocols.load(name).num_future
     for spec in parsed.frame_metrics.values():
         if spec["name"] != "lpips":  # needs torch
             assert registry.build("frame_metrics", spec).protocol

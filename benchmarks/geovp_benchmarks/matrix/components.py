@@ -85,8 +85,8 @@ def nested(components: Iterable[object]) -> Iterator[object]:
     for component in components:
         yield component
         if dataclasses.is_dataclass(component):
-            values = [getattr(component, field.name) for field in dataclasses.fields(component)]
-            for value in values:
+            for field in dataclasses.fields(component):
+                value = getattr(component, field.name)
                 inner = value if isinstance(value, tuple) else (value,)
                 yield from nested(each for each in inner if dataclasses.is_dataclass(each))
 

@@ -38,17 +38,14 @@ class Protocol(BaseModel):
 
 
 TABLES = Path(__file__).with_suffix(".toml")
-ALL = {
-    name: Protocol(name=name, **fields)
-    for name, fields in tomllib.loads(TABLES.read_text("utf-8")).items()
-}
 
 
 def load(name: str) -> Protocol:
     """Return the protocol of a name; UnknownComponent has the nearest name."""
-    if name not in ALL:
-        raise UnknownComponent(f"there is no protocol {name!r}{nearest(name, ALL)}")
-    return ALL[name]
+    protocols = tomllib.loads(TABLES.read_text("utf-8"))
+    if name not in protocols:
+        raise UnknownComponent(f"there is no protocol {name!r}{nearest(name, protocols)}")
+    return Protocol(name=name, **protocols[name])
 
 
 def expanded(content: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -25,11 +25,6 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import PrivilegedInput
 
-RESERVED = (  # files and folders of the results
-    *("clips", "tables", "plots", "recordings", "earlier"),
-    *("protocol.json", "method.json", "report.html", ".lock"),
-)
-
 
 class Table(BaseModel):
     """A table of a matrix file."""
@@ -192,7 +187,7 @@ class Matrix(ProtocolTable, ComponentTables):
         spec, given = self.dataset, self.root or self.dataset.get("root")
         if isinstance(given, (str, Path)):
             root = os.path.expandvars(given)
-            if "$" in root or (given and not root):
+            if "$" in root or not root:
                 raise BadData(
                     f"the root of the data set is {given!s}, which is not set: set it, or give "
                     "--root FOLDER"
@@ -252,7 +247,8 @@ def _check_methods(matrix: Matrix) -> None:
             "[predictors]"
         )
     names = [method.name for method in matrix.methods]
-    folders = [name.casefold() for name in (*RESERVED, *names)]  # on every file system
+    reserved = "clips tables plots protocol.json method.json report.html .lock"
+    folders = [name.casefold() for name in (*reserved.split(), *names)]  # on every file system
     for name in names:
         if folders.count(name.casefold()) > 1:
             raise BadData(
