@@ -5,7 +5,6 @@ fraction of pixels that a method covers.
 """
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +14,7 @@ from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Results
 from geovp_classic.errors import BadData, nearest
 
-DIVISIONS: Mapping[
-    str, tuple[str, tuple[float, ...]]
-] = {  # the attribute, and bounds of the strata
+DIVISIONS = {  # the attribute, and bounds of the strata
     "turning": ("yaw_deg", (5.0,)),
     "speed": ("speed_m_s", (5.0, 10.0)),
     "step": ("step_m", (0.5, 1.0)),  # of two frames

@@ -44,8 +44,7 @@ def run(args: argparse.Namespace) -> Lines:
     table = {}
     for name, forecaster in forecasters.items():
         announce(name)
-        scores = forecasting.evaluate(windows, forecaster)
-        table[name] = forecasting.summary(scores)
+        table[name] = forecasting.evaluate(windows, forecaster)
     yield f"{len(windows)} windows of {', '.join(args.sequences)}\n"
     names = dict.fromkeys(name for means in table.values() for name in means)
     rows = [

@@ -4,7 +4,7 @@ Errors of position and yaw are taken on the x-z plane of the last observed camer
 pitch and roll over the plane of the past motion.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,6 @@ from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
 Window = tuple[Trajectory, Trajectory]  # past and future
-Scores = Mapping[str, FloatArray]  # [N] by name
 
 
 def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
@@ -54,10 +53,19 @@ def read_windows(
     return windows
 
 
-def evaluate(windows: Sequence[Window], forecaster: Forecaster) -> Scores:
-    """Return the scores of a forecaster on all windows."""
+def evaluate(
+    windows: Sequence[Window], forecaster: Forecaster, turning_deg: float = 15.0
+) -> dict[str, float]:
+    """Return the mean scores of a forecaster, those of ADE and yaw also over turning windows."""
     results = [window_scores(forecaster, *window) for window in tracked(windows)]
-    return {name: np.array([scores[name] for scores in results]) for name in results[0]}
+    scores = {name: np.array([each[name] for each in results]) for name in results[0]}
+    is_turning = np.abs(scores.pop("turned deg")) > turning_deg
+    means = {name: float(values.mean()) for name, values in scores.items()}
+    if is_turning.any():
+        for name in ("ADE m", "yaw deg"):
+            label = f"{name}, {is_turning.sum()} turning windows"
+            means[label] = float(scores[name][is_turning].mean())
+    return means
 
 
 def window_scores(
@@ -128,15 +136,3 @@ def highest_density_ranks(
         densities += forecast.body.log_density(forecast.body.sample(num_samples, seed))
         ranks["all six"] = (densities > density).mean(axis=0)
     return ranks
-
-
-def summary(scores: Scores, turning_deg: float = 15.0) -> dict[str, float]:
-    """Return the means over windows, and those of ADE and yaw over turning windows."""
-    averages = {name: float(values.mean()) for name, values in scores.items()}
-    del averages["turned deg"]
-    is_turning = np.abs(scores["turned deg"]) > turning_deg
-    if is_turning.any():
-        for name in ("ADE m", "yaw deg"):
-            label = f"{name}, {is_turning.sum()} turning windows"
-            averages[label] = float(scores[name][is_turning].mean())
-    return averages
