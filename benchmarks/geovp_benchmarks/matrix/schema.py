@@ -187,7 +187,7 @@ class Matrix(ProtocolTable, ComponentTables):
         spec, given = self.dataset, self.root or self.dataset.get("root")
         if isinstance(given, (str, Path)):
             root = os.path.expandvars(given)
-            if "$" in root or not root:
+            if "$" in root or (given and not root):
                 raise BadData(
                     f"the root of the data set is {given!s}, which is not set: set it, or give "
                     "--root FOLDER"
