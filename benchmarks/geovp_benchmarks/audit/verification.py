@@ -88,23 +88,19 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     is_reproduced = max(differences.values(), default=0.0) <= tolerance
     words = ["identical"]
     if differences:
+        protocol = pair.results.protocol()
+        texts = [
+            f"{name} {difference:.3g} {facts_of(name, protocol).get('unit', '')}".rstrip()
+            for name, difference in sorted(differences.items(), key=lambda item: -item[1])
+        ]
         agreement = "within the tolerance" if is_reproduced else "differs"
-        words = [f"{agreement}: {_in_words(differences, pair.results.protocol())}"]
+        words = [f"{agreement}: {', '.join(texts[:3])}"]
     words += [f"{name} cannot be compared" for name in unavailable]
     if is_random:
         words.append("not deterministic: two computations here differ as well")
     if record.code != pair.record.code:
         words.append(f"stored by code {pair.record.code}, here it is {record.code}")
     return Verdict(f"{label}: {'; '.join(words)}", is_reproduced, unavailable)
-
-
-def _in_words(differences: Mapping[str, float], protocol: Mapping[str, Any]) -> str:
-    """Return the largest differences with their units."""
-    texts = [
-        f"{name} {difference:.3g} {facts_of(name, protocol).get('unit', '')}".rstrip()
-        for name, difference in sorted(differences.items(), key=lambda item: -item[1])
-    ]
-    return ", ".join(texts[:3])
 
 
 def other_versions(results: Results) -> Iterator[str]:
@@ -119,16 +115,16 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
     """Return the matrix of one method with its resolved settings."""
     protocol, method = pair.results.protocol(), pair.method
     keys = ("name", "dataset", "num_past", "num_future", "size_px", "stride")
-    fields = {key: protocol[key] for key in keys} | {"num_samples": method.num_samples}
+    fields: dict[str, Any] = {key: protocol[key] for key in keys}
+    fields |= {"root": root, "num_samples": method.num_samples}
+    fields |= {"frame_metrics": {}, "trajectory_metrics": {}}
     for role, spec in method.components.items():
         fields[f"{role}s"] = {getattr(method, role, method.name): spec}
-    for kind in ("frame", "trajectory"):
-        fields[f"{kind}_metrics"] = {
-            name: spec
-            for name, spec in pair.record.metrics.items()
-            if protocol["metrics"][name]["role"] == kind
-        }
-    return validated(Matrix, fields, "protocol.json").override(root=root)
+    for name, spec in pair.record.metrics.items():
+        role = protocol["metrics"][name]["role"]
+        fields[f"{role}_metrics"][name] = spec
+    matrix: Matrix = validated(Matrix, fields, "protocol.json")
+    return matrix
 
 
 def _recompute(pair: Pair, matrix: Matrix) -> Scored:

@@ -23,13 +23,12 @@ def _by_name(value: Any) -> Any:
     if not isinstance(value, list):
         raise ValueError('expected a list such as ["psnr", "ssim"]')
     tables = [_named(table) for table in value]
-    names = [table["name"] for table in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(
-                f"expected {name!r} once: give a table, such as {{ other = {{ name = {name!r} }} }}"
-            )
-    return dict(zip(names, tables, strict=True))
+    named = {table["name"]: table for table in tables}
+    if len(named) < len(tables):
+        raise ValueError(
+            'expected each name once: give tables such as { psnr-2 = { name = "psnr" } }'
+        )
+    return named
 
 
 IsNamed = BeforeValidator(_named)
