@@ -11,11 +11,10 @@ from pathlib import Path
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.formats import markdown
-from geovp_benchmarks.tables.table_model import Spread
 from geovp_classic.data.atomic import write_bytes
 
 
-def write(results: Results, page: Path, spread: Spread = "interval") -> None:
+def write(results: Results, page: Path, spread: str = "interval") -> None:
     """Replace the tables of a page; the opening with its commands and "## Notes" stay."""
     before = page.read_text(encoding="utf-8")
     opening = before.partition("Written on ")[0]
@@ -33,4 +32,4 @@ def write(results: Results, page: Path, spread: Spread = "interval") -> None:
 
 if __name__ == "__main__":
     folder, path, *spreads = sys.argv[1:]
-    write(Results(Path(folder)), Path(path), *spreads)  # type: ignore[arg-type]
+    write(Results(Path(folder)), Path(path), *spreads)

@@ -97,8 +97,8 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert 0.9 < good.low < good.high < 1.1
     assert same.low < 0.1
     assert same.high > -0.1
-    assert ("good", "psnr") in table.starred
-    assert ("same", "psnr") not in table.starred
+    assert ("good", "psnr") in table.marked
+    assert ("same", "psnr") not in table.marked
     text = formats.markdown(table).splitlines()
     assert any("simultaneous 95 % intervals" in line for line in text)
     assert any(line.startswith("- *: the interval excludes zero") for line in text)

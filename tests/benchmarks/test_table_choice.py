@@ -70,7 +70,7 @@ def test_errors_are_not_tested_against_a_method_without_any(results: Results) ->
     table = tables.against(results, "oracle")
     interval = table.methods[0].scores["translation-error"]
     assert (interval.low, interval.high > 0) == (0.0, True)
-    assert not table.starred
+    assert not table.marked
     assert table.notes[-1].startswith("oracle has no translation error")
 
 

@@ -106,7 +106,7 @@ class Method:
             )
             heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
             lines = [*notes, *reasons, *self.unavailable, kind]
-            tables.append(Table(name, heading, columns, rows, lines, starred=()))
+            tables.append(Table(name, heading, columns, rows, lines, has_differences=True))
         return tables
 
 

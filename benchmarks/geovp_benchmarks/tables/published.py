@@ -39,7 +39,7 @@ def build(results: Results, name: str) -> list[Table]:
     if protocol.num_clips not in (None, len(stored["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
     return [
-        explained(ours, results, results.methods(), notes),
+        explained(ours, results, notes),
         Table(
             f"{name}-published",
             "Published, not measured here",

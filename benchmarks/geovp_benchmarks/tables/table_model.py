@@ -2,14 +2,11 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
 from geovp_classic.errors import BadData, nearest
-
-Spread = Literal["interval", "standard-error"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +17,7 @@ class Column:
     heading: str
     higher_is_better: bool | None  # None: neither, so that no value is in bold
     decimals: int
-    is_unavailable: bool = False
+    missing: str = "-"  # printed where there is no mean
 
 
 @dataclass(frozen=True)
@@ -44,9 +41,9 @@ class Table:
     columns: Sequence[Column]
     methods: Sequence[MethodScores]
     notes: Sequence[str] = ()
-    best: Collection[tuple[str, str]] = ()  # (method, column) in bold
-    spread: Spread = "interval"
-    starred: Collection[tuple[str, str]] | None = None  # significant ones of a table of differences
+    marked: Collection[tuple[str, str]] = ()  # (method, column) in bold; differences with a star
+    spread: str = "interval"  # or "standard-error"
+    has_differences: bool = False  # of another method
 
     def clips(self, method: MethodScores) -> str:
         """Return the number of clips, and the effective one in the first column if smaller."""
@@ -59,13 +56,10 @@ class Table:
         """Return the mean, and the interval or standard error with a differing number of clips."""
         score, digits = method.scores.get(column.key), column.decimals
         if score is None or np.isnan(score.mean):
-            return "unavailable" if column.is_unavailable else "-", ""
-        place = (method.label, column.key)
-        mean = f"{score.mean:{'' if self.starred is None else '+'}.{digits}f}"
-        if self.starred is not None and place in self.starred:
-            mean += "*"
-        if place in self.best:
-            mean = bold.format(mean)
+            return column.missing, ""
+        mean = f"{score.mean:{'+' if self.has_differences else ''}.{digits}f}"
+        if (method.label, column.key) in self.marked:
+            mean = ("{}*" if self.has_differences else bold).format(mean)
         error = ""
         if self.spread == "interval" and np.isfinite(score.low):
             error = f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
@@ -112,7 +106,7 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
     Too few effective clips count as beaten. `sign` is -1 where a lower value is better.
     """
     better = [rival for rival in rivals if sign * rival.mean > sign * score.mean]
-    better.sort(key=lambda rival: -sign * rival.mean)
+    better.sort(key=lambda rival: sign * rival.mean, reverse=True)
     if any(tested.has_few_clips for tested in (score, *better)):
         return True
     if sign < 0 and any(rival.is_exact for rival in better):

@@ -7,22 +7,14 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
-from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.results.stored_facts import (
-    MARKS,
-    facts_of,
-    labelled,
-    metric_of,
-    summary,
-    title,
-)
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
-    Spread,
     Table,
     best,
     selected_columns,
@@ -33,7 +25,7 @@ from geovp_classic.errors import BadData
 
 def build(
     results: Results,
-    spread: Spread = "interval",
+    spread: str = "interval",
     *,
     strict: bool = False,
     metrics: Sequence[str] = (),
@@ -43,13 +35,9 @@ def build(
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. With named columns there is only one table. Methods compete among those selected.
     """
-    main, protocol = _main_table(results, metrics, strict), results.protocol()
-    tables = [main] if metrics else [main, *_detail_tables(main, protocol)]
-    methods = results.methods()
-    return [
-        explained(replace(table, spread=spread), results, methods, strict=strict)
-        for table in tables
-    ]
+    main = _main_table(results, metrics, strict)
+    tables = [main] if metrics else [main, *_detail_tables(main, results.protocol())]
+    return [explained(replace(table, spread=spread), results, strict=strict) for table in tables]
 
 
 def against(
@@ -64,27 +52,26 @@ def against(
     columns = [column for column in main.columns if column.key in reference.scores]
     errors = [column.key for column in columns if column.higher_is_better is False]
     exact = [key for key in errors if reference.scores[key].is_exact]
-    methods, starred = [], set()
     others = [m for m in main.methods if m.label != reference.label and m.scores]
+    bootstrap = BlockBootstrap(1 - 0.05 / max(1, len(others)))  # Bonferroni
+    methods, starred = [], set()
     for method in others:
         differences = {}
         for key in (column.key for column in columns if column.key in method.scores):
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            bootstrap = BlockBootstrap(1 - 0.05 / len(others))  # Bonferroni
-            score = bootstrap.interval(values, protocol["clips"], bounds)
-            differences[key] = score
-            if key not in exact and score.is_significant:
+            differences[key] = bootstrap.interval(values, protocol["clips"], bounds)
+            if key not in exact and differences[key].is_significant:
                 starred.add((method.label, key))
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
     notes = ["*: the interval excludes zero."] * bool(starred)
     if exact:
-        names = ", ".join(map(title, exact))
+        names = ", ".join(map(stored_facts.title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
-    table = Table("against", heading, columns, methods, starred=starred)
-    return explained(table, results, (), notes)
+    table = Table("against", heading, columns, methods, marked=starred, has_differences=True)
+    return explained(table, results, notes)
 
 
 def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
@@ -97,7 +84,7 @@ def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
-    headings = {key: title(key) for key in keys}
+    headings = {key: stored_facts.title(key) for key in keys}
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
 
 
@@ -105,14 +92,13 @@ def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
     """Return a table over sets of pixels for each metric that has such scores."""
     keys, tables = _keys(main.methods), []
     for name in (column.key for column in main.columns):
-        pixels = {
-            key: f"{key.partition('@')[2]} pixels" for key in keys if key.startswith(f"{name}@")
-        }
+        pixels = [key for key in keys if key.startswith(f"{name}@")]
         if pixels:
-            headings = {name: "all pixels", **pixels}
+            words = {key: f"{key.partition('@')[2]} pixels" for key in pixels}
+            headings = {name: "all pixels", **words}
             if COVERAGE in keys:
-                headings[COVERAGE] = title(COVERAGE)
-            heading = f"{title(name)} over sets of pixels"
+                headings[COVERAGE] = stored_facts.title(COVERAGE)
+            heading = f"{stored_facts.title(name)} over sets of pixels"
             tables.append(table_of(f"pixels-{name}", heading, headings, main.methods, protocol))
     return tables
 
@@ -132,36 +118,33 @@ def table_of(
     """Return a table whose columns have as many decimals as their means need."""
     columns = []
     for key, words in headings.items():
-        facts = facts_of(key, protocol)
-        direction = facts.get("higher_is_better")
+        facts = stored_facts.facts_of(key, protocol)
         means = [abs(method.scores[key].mean) for method in methods if key in method.scores]
-        decimals = 2 if max(means, default=0) >= 10 else 3
-        is_unavailable = bool(facts.get("unavailable"))
-        columns.append(Column(key, labelled(words, facts), direction, decimals, is_unavailable))
+        columns.append(
+            Column(
+                key,
+                stored_facts.labelled(words, facts),
+                facts.get("higher_is_better"),
+                decimals=2 if max(means, default=0) >= 10 else 3,
+                missing="unavailable" if facts.get("unavailable") else "-",
+            )
+        )
     bold = best(methods, columns, protocol["clips"])
-    return Table(name, f"{protocol['name']}: {heading}", columns, methods, best=bold)
+    return Table(name, f"{protocol['name']}: {heading}", columns, methods, marked=bold)
 
 
 def explained(
-    table: Table,
-    results: Results,
-    methods: Sequence[Method],
-    notes: Sequence[str] = (),
-    *,
-    strict: bool = False,
+    table: Table, results: Results, notes: Sequence[str] = (), *, strict: bool = False
 ) -> Table:
     """Return the table with notes on its numbers, and on the methods."""
     text = template("notes.txt").render(
         table=table,
-        metrics={metric_of(column.key) for column in table.columns},
-        clips="".join(map(table.clips, table.methods)),
+        results=results,
         notes=notes,
         strict=strict,
-        protocol=results.protocol(),
-        methods=methods,
-        marks=MARKS,
-        summary=summary,
-        title=title,
+        metrics={stored_facts.metric_of(column.key) for column in table.columns},
+        clips="".join(map(table.clips, table.methods)),
+        stored_facts=stored_facts,
         weights_notes=weights_notes,
     )
     return replace(table, notes=text.splitlines())
