@@ -48,34 +48,32 @@ def run(args: argparse.Namespace) -> Lines:
 
     results = Results(args.folder).select(*args.methods)
     tables = tables_of(args, results)
+    selections = (args.methods, args.metrics, args.by, args.against, args.strict, args.paper)
+    if not any(selections):
+        formats.write_all(results, tables)
     match args.format:
         case "csv":
-            text = "\n".join(map(formats.comma_separated, tables))
+            texts = [formats.comma_separated(table) for table in tables]
         case "tex":
             first = formats.latex(tables[0], args.caption or "", args.label or "")
-            text = "\n".join([first, *map(formats.latex, tables[1:])])
+            texts = [first, *map(formats.latex, tables[1:])]
         case "md":
-            width = terminal_width()
-            text = "\n".join(formats.markdown(table, width) for table in tables)
-    yield text
+            texts = [formats.markdown(table, terminal_width()) for table in tables]
+    yield "\n".join(texts)
 
 
 def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
-    """Return the selected tables; without a selection, write all of them."""
+    """Return the selected tables."""
     from geovp_benchmarks.analysis import strata
-    from geovp_benchmarks.tables import formats, tables
+    from geovp_benchmarks.tables import tables
 
-    if args.paper is not None:
+    if args.paper:
         from geovp_benchmarks.tables import published
 
         return published.build(results, args.paper)
     groups = strata.divide(results, args.by) if args.by else [results]
     options = {"strict": args.strict, "metrics": args.metrics}
-    if args.against is not None:
+    if args.against:
         return [tables.against(group, args.against, **options) for group in groups]
     built = [tables.build(group, args.spread, **options) for group in groups]
-    if args.by is not None:
-        return [main for main, *_ in built]
-    if not (args.methods or args.metrics or args.strict):
-        formats.write_all(results, built[0])
-    return built[0]
+    return [main for main, *_ in built] if args.by else built[0]

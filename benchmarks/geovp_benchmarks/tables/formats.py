@@ -7,7 +7,7 @@ import csv
 import io
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from geovp_benchmarks.analysis.intervals import Score
@@ -16,27 +16,13 @@ from geovp_benchmarks.tables.table_model import Table
 from geovp_benchmarks.tables.templates import template
 from geovp_classic.data.atomic import write_bytes
 
-ESCAPED = str.maketrans(
-    {
-        **{sign: rf"\{sign}" for sign in "&%_#${}"},
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        "±": r"$\pm$",
-        "↑": r"$\uparrow$",
-        "↓": r"$\downarrow$",
-    }
-)
-
 
 def write_all(results: Results, tables: Sequence[Table]) -> None:
     """Write tables in all formats into a results folder."""
     for table in tables:
-        for ending, text_of in FORMATS.items():
-            write_bytes(results.tables / f"{table.name}.{ending}", text_of(table).encode())
+        texts = {"md": markdown(table), "tex": latex(table), "csv": comma_separated(table)}
+        for ending, text in texts.items():
+            write_bytes(results.tables / f"{table.name}.{ending}", text.encode())
 
 
 def markdown(table: Table, width: int | None = None) -> str:
@@ -52,29 +38,27 @@ def markdown(table: Table, width: int | None = None) -> str:
     notes = [f"- {note}" for note in table.notes]
     if width is not None:
         notes = [textwrap.fill(note, width, subsequent_indent="  ") for note in notes]
-    return "\n".join([f"## {table.title}", "", *blocks(lines, width), "", *notes, ""])
+    return "\n".join([f"## {table.title}", *blocks(lines, width), "", *notes, ""])
 
 
 def blocks(lines: Sequence[Sequence[str]], width: int | None) -> list[str]:
     """Return a grid, or several that fit a width; all have the first two columns."""
-    text = grid(lines)
-    size = len(lines[0]) - 2
+    text, size = ["", *grid(lines)], len(lines[0]) - 2
     while width is not None and size > 1 and max(map(len, text)) > width:
         size -= 1
         text = []
         for start in range(2, len(lines[0]), size):
             block = [[*line[:2], *line[start : start + size]] for line in lines]
-            text += ["", *grid(block)] if text else grid(block)
+            text += ["", *grid(block)]
     return text
 
 
 def grid(lines: Sequence[Sequence[str]]) -> list[str]:
     """Return a Markdown table; all columns but the first are right-aligned."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    dashes = ["-" * width for width in widths]
-    rule = [dashes[0], *(dash[1:] + ":" for dash in dashes[1:])]
+    left, *widths = (max(map(len, column)) for column in zip(*lines, strict=True))
+    rule = ["-" * left, *(":".rjust(width, "-") for width in widths)]
     rows = (
-        [first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])]
+        [first.ljust(left), *map(str.rjust, rest, widths)]
         for first, *rest in (lines[0], rule, *lines[1:])
     )
     return [f"| {' | '.join(row)} |" for row in rows]
@@ -97,7 +81,21 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
 
 def escape(text: str) -> str:
     """Return text in which LaTeX sees no command."""
-    return text.translate(ESCAPED)
+    escaped = str.maketrans(
+        {
+            **{sign: rf"\{sign}" for sign in "&%_#${}"},
+            "\\": r"\textbackslash{}",
+            "~": r"\textasciitilde{}",
+            "^": r"\textasciicircum{}",
+            "<": r"\textless{}",
+            ">": r"\textgreater{}",
+            "|": r"\textbar{}",
+            "±": r"$\pm$",
+            "↑": r"$\uparrow$",
+            "↓": r"$\downarrow$",
+        }
+    )
+    return text.translate(escaped)
 
 
 def comma_separated(table: Table) -> str:
@@ -123,6 +121,3 @@ def comma_separated(table: Table) -> str:
     writer.writeheader()
     writer.writerows(records)
     return stream.getvalue()
-
-
-FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}
