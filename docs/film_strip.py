@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import geovp
-from geovp_benchmarks.plots import Options, Page, clips
+from geovp_benchmarks.plots import Page, clips
 
 CLIP = 3  # brakes at a crossing
 SIZE_PX = (192, 192)
@@ -23,7 +23,7 @@ def main() -> None:
     strip = Page("street")
     rows = {name: prediction.frames[0] for name, prediction in predictions.items()}
     ahead_s = context.times_s[10:] - context.times_s[9]
-    clips.draw_strip(strip, rows, ahead_s, Options(width_in=6.0))
+    clips.draw_strip(strip, rows, ahead_s, 6.0)
     strip.write(OUT)
 
 

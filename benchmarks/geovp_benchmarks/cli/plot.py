@@ -30,8 +30,7 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_benchmarks import plots
     from geovp_benchmarks.results.store import Results
 
-    formats = (args.format,) if args.format else ()
-    options = plots.Options(args.metrics, args.by, args.against, formats, args.width)
+    options = plots.Options(args.metrics, args.by, args.against, args.format, args.width)
     results = Results(args.folder).select(*args.methods)
     for _, paths in plots.write_all(results, options):
         yield from map(str, paths)

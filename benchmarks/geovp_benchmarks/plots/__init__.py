@@ -20,28 +20,26 @@ def write_all(results: Results, options: Options) -> Iterator[tuple[Page, list[P
 
     All figures together replace those of earlier settings. Raise BadData without results.
     """
-    material = Material.read(results, options)
-    metrics = horizon.metrics(material)
-    groups = {"": material}
+    material = Material(results, options)
+    groups, is_plain = [material], not (options.by or options.against)
     if options.by:
-        shown = results.select(*(each.label for each in material.shown(options.max_methods)))
-        groups = {
-            subset.label: Material.read(subset, options)
-            for subset in strata.divide(shown, options.by)
-        }
+        shown = results.select(*(method.label for method in material.shown))
+        groups = [Material(subset, options) for subset in strata.divide(shown, options.by)]
+    metrics = horizon.metrics(material)
     tasks = [
-        partial(horizon.score_pages, groups, metric, options)
+        partial(horizon.score_pages, groups, metric)
         for metric in selected_columns(options.metrics, metrics) or metrics
     ]
-    is_plain, stems = not (options.by or options.against), set()
     for number, name in enumerate(material.clips if is_plain else [], 1):
-        tasks.append(partial(clips.clip_pages, material, number, name, options))
+        tasks.append(partial(clips.clip_pages, material, number, name))
+    stems = set()
     for draw in tracked(tasks):
         for page in draw():
             stems.add(page.stem)
-            paths = [
-                results.plots / f"{page.stem}.{kind}" for kind in options.formats or page.formats
-            ]
+            if not options.width_in:
+                page.add_titles()
+            kinds = [options.format] if options.format else page.formats
+            paths = [results.plots / f"{page.stem}.{kind}" for kind in kinds]
             for path in paths:
                 page.write(path)
             yield page, paths

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.style import context
 
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
+from geovp_benchmarks.plots.style import SHEET, Page, line_styles
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Method
 from geovp_classic.geometry import se3
@@ -14,23 +14,24 @@ from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
 
 
 @context(SHEET)
-def clip_pages(material: Material, number: int, name: str, options: Options) -> list[Page]:
+def clip_pages(material: Material, number: int, name: str) -> list[Page]:
     """Draw the figures of one clip; its number keeps file names apart."""
     clip, past = material.results.clips().read(name), material.protocol["num_past"]
-    rows = {"ground truth": clip.frames[past:]}
+    rows, width_in = {"ground truth": clip.frames[past:]}, material.options.width_in
     motions: dict[str, Motion] = {}  # renderers of one pose source have the same poses
-    for method, prediction in material.predictions(name, material.shown(options.max_methods)):
-        text = ", ".join(notes(material, method, name)[: 0 if options.width_in else 3])
+    for method, prediction in material.predictions(name, material.shown):
+        text = ", ".join(notes(material, method, name)[: 0 if width_in else 3])
         rows[f"{method.label}: {text}".strip(": ")] = prediction.frames[0]
         if prediction.motion:
             motions.setdefault(method.pose_source or method.label, prediction.motion)
     data, pages = stored_facts.data_name(material.protocol), []
     if len(rows) > 1:
         pages.append(Page(f"strip-{number:02d}-{name}", name, f"Clip {name}", data))
-        draw_strip(pages[-1], rows, clip.times_s[past:] - clip.times_s[past - 1], options)
+        ahead_s = clip.times_s[past:] - clip.times_s[past - 1]
+        draw_strip(pages[-1], rows, ahead_s, width_in or 6.8)
     if clip.trajectory and motions:
         pages.append(Page(f"paths-{number:02d}-{name}", name, f"Paths of clip {name}", data))
-        _draw_paths(pages[-1], clip.trajectory, past - 1, motions, options)
+        _draw_paths(pages[-1], clip.trajectory, past - 1, motions, width_in or 4.8)
     return pages
 
 
@@ -51,17 +52,16 @@ def draw_strip(
     page: Page,
     rows: Mapping[str, ByteArray],  # [F' <= F, H, W, 3] by label
     ahead_s: FloatArray,  # [F], seconds after the last observed frame
-    options: Options,
+    width_in: float,
 ) -> None:
     """Draw frames at evenly spaced steps below the label of a row, which ends with its frames."""
     blank = np.full_like(next(iter(rows.values()))[0], 255)
     height_px, width_px = blank.shape[:2]
-    width_in = options.width_in or 6.8
     num_steps = min(len(ahead_s), 6, int(width_in / 0.75))
     steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int).tolist()
     height_in = len(rows) * (width_in / num_steps * height_px / width_px + 0.17) + 0.3
     gap_px = 1 + width_px // 40
-    all_axes = page.add_axes(width_in, height_in, options, len(rows))
+    all_axes = page.add_axes(width_in, height_in, len(rows))
     for axes, (label, frames) in zip(all_axes, rows.items(), strict=True):
         shown = [frames[k - 1] if k <= len(frames) else blank for k in steps]
         pad = (0, 0), (0, gap_px), (0, 0)
@@ -75,14 +75,13 @@ def draw_strip(
 
 
 def _draw_paths(
-    page: Page, actual: Trajectory, last: int, motions: Mapping[str, Motion], options: Options
+    page: Page, actual: Trajectory, last: int, motions: Mapping[str, Motion], width_in: float
 ) -> None:
     """Draw the true and predicted paths from above with equal scales; samples are thin lines.
 
     Motions of unknown scale cover the true distance in the past.
     """
-    width_in = options.width_in or 4.8
-    (axes,) = page.add_axes(width_in, 0.7 * width_in, options)
+    (axes,) = page.add_axes(width_in, 0.7 * width_in)
     truth = _from_above(actual.world_from_cam, last)
     lines = {}
     (lines["past"],) = axes.plot(*truth[: last + 1].T, color="0.85", linewidth=3)

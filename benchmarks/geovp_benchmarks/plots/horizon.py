@@ -31,15 +31,6 @@ class Curve:
     bounds: Bounds  # of a score
     line_style: Mapping[str, Any]  # arguments of `Axes.plot`
 
-    @property
-    def mean(self) -> FloatArray:
-        """Return the means over clips [F]."""
-        return nanmean(self.values, axis=0)
-
-    def equals(self, other: "Curve") -> bool:
-        """Return whether two lines would hide each other."""
-        return np.allclose(self.mean, other.mean, rtol=2e-3, equal_nan=True)
-
 
 def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     """Draw curves with a legend.
@@ -47,22 +38,28 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     Few curves have intervals in the middle and at the end of the horizon, next to one another.
     """
     width_in = options.width_in or 4.8
-    (axes,) = page.add_axes(width_in, 0.65 * width_in, options)
-    num_steps = curves[0].values.shape[1]
+    (axes,) = page.add_axes(width_in, 0.65 * width_in)
+    means = [nanmean(curve.values, axis=0) for curve in curves]
+    num_steps = len(means[0])
     spacing = 1 + num_steps // 4
     lines = {}
-    for number, curve in enumerate(curves):
+    for number, (curve, mean) in enumerate(zip(curves, means, strict=True)):
         # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
-        marks = number % spacing, spacing
-        num_equal = sum(curve.equals(other) for other in curves[number:])
-        line_style = {**curve.line_style, "linewidth": 1.3 * num_equal, "markevery": marks}
-        (lines[curve.label],) = axes.plot(1 + np.arange(num_steps), curve.mean, **line_style)
+        is_equal = [np.allclose(mean, other, rtol=2e-3, equal_nan=True) for other in means[number:]]
+        (lines[curve.label],) = axes.plot(
+            1 + np.arange(num_steps),
+            mean,
+            **curve.line_style,
+            linewidth=1.3 * sum(is_equal),
+            markevery=(number % spacing, spacing),
+        )
         aside = 0.01 * num_steps * (number - len(curves) / 2)
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
                 values = curve.values[:, step - 1]
                 score = BlockBootstrap().interval(values, curve.clips, curve.bounds)
-                axes.vlines(step + aside, score.low, score.high, line_style["color"], linewidth=0.9)
+                colour = curve.line_style["color"]
+                axes.vlines(step + aside, score.low, score.high, colour, linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     page.add_legend(lines)
     return axes
@@ -71,19 +68,20 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
-    stored = {name for scores in material.scores.values() for name in scores.values}
+    scores = (material.results.scores(method.name) for method in material.methods)
+    stored = {name for of_method in scores for name in of_method.values}
     return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name))
 
 
 @context(SHEET)
-def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -> list[Page]:
+def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
     """Draw a metric over the horizon, or its paired differences from a method.
 
     There is a figure per stratum, with equal axes. Figures over sets of pixels are svg only.
     """
     pages: list[Page] = []
-    for number, (label, material) in enumerate(groups.items(), 1):
-        methods = material.shown(options.max_methods)
+    for number, material in enumerate(groups, 1):
+        options, methods = material.options, material.shown
         curves = _curves(material, metric, methods)
         if not curves:
             continue
@@ -91,7 +89,8 @@ def score_pages(groups: Mapping[str, Material], metric: str, options: Options) -
         facts = facts_of(metric, material.protocol)
         y_label = stored_facts.labelled(title, facts)
         if options.by:
-            kind, title = f"strata-{options.by}-{number}", f"{title}: {label}"
+            kind = f"strata-{options.by}-{number}"
+            title += f": {material.results.label}"
         if options.against:
             kind, title = f"against-{kind}", f"{title}: difference from {options.against}"
             y_label = f"difference in {y_label}"
@@ -126,17 +125,18 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     for method in shown:
         renderer = "" if is_of_poses else method.renderer or ""
         methods.setdefault((method.pose_source or method.label, renderer), method)
-    bounds = stored_facts.bounds(facts)
+    bounds, against = stored_facts.bounds(facts), material.options.against
     reference: FloatArray | float = 0.0
-    if material.reference:
-        values, bounds = material.values(material.reference, metric), UNBOUNDED
-        reference = statistics.mean_of_samples(values)[:, None]
+    if against:
+        (method,) = material.results.select(against).methods()
+        reference = statistics.mean_of_samples(material.values(method, metric))[:, None]
+        bounds = UNBOUNDED
     curves = []
     styles = line_styles(list(methods))
     for line_style, ((source, _), method) in zip(styles, methods.items(), strict=True):
         samples = material.values(method, metric) - reference
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
-        if method == material.reference or num_steps < min(2, samples.shape[2]):
+        if method.label == against or num_steps < min(2, samples.shape[2]):
             continue
         for suffix, reduce in statistics.reductions(method.num_samples).items():
             if reduce is statistics.best_of_samples and higher is None:
@@ -147,9 +147,6 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
             if num_clips < len(values):
                 label += f" (only {num_clips} of {len(values)} clips)"
             curves.append(Curve(label, values, material.protocol["clips"], bounds, line_style))
-            line_style = {
-                **line_style,
-                "markerfacecolor": "white",
-                "markeredgecolor": line_style["color"],
-            }
+            colour = line_style["color"]
+            line_style = {**line_style, "markerfacecolor": "white", "markeredgecolor": colour}
     return curves

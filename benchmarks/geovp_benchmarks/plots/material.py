@@ -3,44 +3,41 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results.scores import nanmean
-from geovp_benchmarks.results.store import Method, Results, Scores
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.results.stored_facts import marks
 from geovp_classic.types import FloatArray, Prediction
 
 
 @dataclass(frozen=True)
 class Material:
-    """The results that all figures are drawn from."""
+    """The results that all figures are drawn from, and what is shown of them."""
 
     results: Results
-    protocol: Mapping[str, Any]
-    methods: Sequence[Method]  # that have scores
-    scores: Mapping[str, Scores]  # by the name of a method
-    reference: Method | None  # that the others are compared with
+    options: Options
 
-    @classmethod
-    def read(cls, results: Results, options: Options) -> Self:
-        """Read everything but images; raise BadData without results or without a named method."""
-        labels = [method.label for method in results.methods() if method.num_clips]
-        if options.against is not None:
-            labels.append(options.against)
-        methods = results.select(*dict.fromkeys(labels)).methods()
-        scores = {method.name: results.scores(method.name) for method in methods}
-        reference = next((method for method in methods if method.label == options.against), None)
-        return cls(results, results.protocol(), methods, scores, reference)
+    @property
+    def protocol(self) -> Mapping[str, Any]:
+        """Return what all methods share."""
+        return self.results.protocol()
+
+    @cached_property
+    def methods(self) -> list[Method]:
+        """Return the methods that have scores."""
+        return [method for method in self.results.methods() if method.num_clips]
 
     def values(self, method: Method, metric: str) -> FloatArray:
         """Return the scores [N, S, F] of a method by clip; NaN: not defined."""
         empty = np.full((len(self.protocol["clips"]), 1, self.protocol["num_future"]), np.nan)
-        return self.scores[method.name].values.get(metric, empty)
+        return self.results.scores(method.name).values.get(metric, empty)
 
-    def shown(self, max_methods: int) -> list[Method]:
+    @property
+    def shown(self) -> list[Method]:
         """Return the methods of a figure: copy-last, the best without ground truth, best others.
 
         They are ranked by the first metric of frames with a direction.
@@ -52,12 +49,11 @@ class Material:
             mean = nanmean(self.values(method, metric).ravel(), axis=0)
             return float(np.nan_to_num(sign * mean, nan=np.inf))
 
-        ranked = sorted(self.methods, key=error)
-        first = [m for m in ranked if m == self.reference or m.label == "copy-last"]
-        fair = [m for m in ranked if not uses_ground_truth(marks(m)) and m not in first]
-        names = dict.fromkeys(method.name for method in [*first, *fair[:1], *ranked])
-        shown = list(names)[:max_methods]
-        return [method for method in self.methods if method.name in shown]
+        ranked, first = sorted(self.methods, key=error), {"copy-last", self.options.against}
+        fair = [m for m in ranked if m.label not in first and not uses_ground_truth(marks(m))]
+        first.update(method.label for method in fair[:1])
+        ranked.sort(key=lambda method: method.label not in first)
+        return [m for m in self.methods if m in ranked[: self.options.max_methods]]
 
     @property
     def frame_metrics(self) -> dict[str, Mapping[str, Any]]:
@@ -85,9 +81,8 @@ class Material:
     @cached_property
     def step_s(self) -> float | None:
         """Return the seconds between two frames, known from the first kept clip."""
-        for name in self.clips:
-            return float(np.diff(self.results.clips().read(name).times_s).mean())
-        return None
+        times_s = [self.results.clips().read(name).times_s for name in self.clips[:1]]
+        return float(np.diff(times_s).mean()) if times_s else None
 
 
 def uses_ground_truth(marks: str) -> bool:

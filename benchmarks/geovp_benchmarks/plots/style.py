@@ -24,7 +24,7 @@ class Options:
     metrics: Sequence[str] = ()  # empty: all
     by: str | None = None  # strata
     against: str | None = None  # method that the others are compared with
-    formats: tuple[str, ...] = ()  # empty: the formats of each figure
+    format: str | None = None  # None: the formats of each figure
     width_in: float | None = None  # in a paper, without titles; None: as each kind of figure has it
     max_methods: int = 12  # more cannot be told apart
     max_intervals: int = 6  # with more lines, no intervals are drawn: they would cover the lines
@@ -46,17 +46,17 @@ class Page:
         """Return the name of the file without its ending."""
         return re.sub("[^a-z0-9]+", "-", self.name.lower())
 
-    def add_axes(
-        self, width_in: float, height_in: float, options: Options, num_rows: int = 1
-    ) -> list[Axes]:
-        """Add axes to a figure of this size, and the titles unless it is for a paper."""
+    def add_axes(self, width_in: float, height_in: float, num_rows: int = 1) -> list[Axes]:
+        """Add axes to a figure of this size."""
         self.figure.set_size_inches(width_in, height_in)
-        if not options.width_in:
-            lines = [
-                textwrap.fill(line, int(15 * width_in)) for line in (self.title, self.subtitle)
-            ]
-            self.figure.suptitle("\n".join(lines), x=0.01, ha="left")
         return list(self.figure.subplots(num_rows, squeeze=False)[:, 0])
+
+    @context(SHEET)
+    def add_titles(self) -> None:
+        """Add the titles, which figures in a paper do not have."""
+        num_letters = int(15 * self.figure.get_figwidth())
+        lines = [textwrap.fill(line, num_letters) for line in (self.title, self.subtitle)]
+        self.figure.suptitle("\n".join(lines), x=0.01, ha="left")
 
     def add_legend(self, lines: Mapping[str, Artist]) -> None:
         """Place a legend of lines by label below the axes, and make the figure higher by it."""

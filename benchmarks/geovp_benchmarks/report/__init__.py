@@ -26,7 +26,7 @@ def write(results: Results, options: plots.Options) -> None:
     protocol = results.protocol()
     scores = tables.build(results, metrics=metrics)
     headline = findings.Headline.of(scores[0], protocol)
-    material = Material.read(results, options)
+    material = Material(results, options)
     groups = strata.divide(results, options.by) if options.by else []
     plain = replace(options, by=None, against=None)
     figures = [

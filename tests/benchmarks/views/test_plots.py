@@ -193,7 +193,7 @@ class TestStrips:
     def test_a_row_ends_where_its_frames_end(self) -> None:
         page, frames = Page("strip"), np.zeros((4, 8, 8, 3), np.uint8)
         rows = {"predicted": frames, "real": frames[:2]}
-        clips.draw_strip(page, rows, np.arange(1.0, 5), Options(width_in=3.3))
+        clips.draw_strip(page, rows, np.arange(1.0, 5), 3.3)
         whole, short = (np.asarray(panel.images[0].get_array()) for panel in page.figure.axes)
         assert (whole[4, 4::9, 0] == 0).all()
         np.testing.assert_array_equal(short[4, 4::9, 0], [0, 0, 255, 255])
@@ -246,7 +246,7 @@ class TestPaper:
 
     def test_a_pdf_has_the_width_legible_text_and_no_type_3_font(self, copied: Path) -> None:
         """72 points an inch."""
-        for page in draw(copied, Options(formats=("pdf",), width_in=3.3)).values():
+        for page in draw(copied, Options(format="pdf", width_in=3.3)).values():
             content = (copied / "plots" / f"{page.stem}.pdf").read_bytes()
             (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", content)
             assert float(width_pt) == pytest.approx(3.3 * 72, abs=0.1)
@@ -259,7 +259,7 @@ class TestPaper:
     def test_words_of_a_strip_do_not_overlap(self, tmp_path: Path) -> None:
         page, frames = Page("strip"), np.zeros((20, 50, 160, 3), np.uint8)
         rows = {f"vo+prior-refined + ground-far-plane {k}": frames for k in range(4)}
-        clips.draw_strip(page, rows, np.arange(1.0, 21), Options(width_in=3.3))
+        clips.draw_strip(page, rows, np.arange(1.0, 21), 3.3)
         page.write(tmp_path / "strip.png")
         shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
         boxes = [text.get_window_extent() for text in shown]
