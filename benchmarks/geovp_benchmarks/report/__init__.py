@@ -11,8 +11,8 @@ from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.report import films, findings
+from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.results.stored_facts import MARKS, summary, title
 from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
@@ -23,11 +23,11 @@ def write(results: Results, options: plots.Options) -> None:
     With `options.against` and `by` there are also tables of differences and of strata.
     """
     metrics, against = options.metrics, options.against
-    protocol = results.protocol()
+    material, baseline = Material(results, options), against or "copy-last"
     scores = tables.build(results, metrics=metrics)
-    headline = findings.Headline.of(scores[0], protocol)
-    material = Material(results, options)
+    differences = tables.against(results, against, metrics=metrics) if against else None
     groups = strata.divide(results, options.by) if options.by else []
+    headline = findings.find(scores[0], material.protocol, baseline)
     plain = replace(options, by=None, against=None)
     figures = [
         (page, path.read_bytes())
@@ -45,16 +45,14 @@ def write(results: Results, options: plots.Options) -> None:
     )
     templates.filters["base64"] = lambda content: base64.b64encode(content).decode()
     templates.filters["json"] = lambda value: json.dumps(value, ensure_ascii=False, indent=2)
-    templates.filters["title"] = title
     html = templates.get_template("report.html").render(
-        protocol=protocol,
-        summary=summary(protocol),
+        protocol=material.protocol,
         methods=results.methods(),
-        headline=headline,
-        baseline=against or "copy-last",
-        marks=MARKS,
+        facts=stored_facts,
+        findings=headline,
+        baseline=baseline,
         scores=scores,
-        against=tables.against(results, against, metrics=metrics) if against else None,
+        against=differences,
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
         clips=films.shown_clips(material, headline),

@@ -11,7 +11,7 @@ from PIL import Image
 
 from geovp_benchmarks.plots import clips
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.report.findings import Headline
+from geovp_benchmarks.report.findings import Findings
 from geovp_classic.types import BoolArray, ByteArray
 
 
@@ -26,18 +26,16 @@ class Film:
 
     @property
     def image(self) -> bytes:
-        """Return the frames from left to right as WebP."""
-        return _encoded(_sheet(self.frames), "WEBP", quality=60)
+        """Return the frames as WebP."""
+        return _encoded(self.frames, "WEBP", quality=60)
 
     @property
     def mask(self) -> bytes | None:
         """Return an image as PNG that tints inpainted pixels and is transparent elsewhere."""
         if self.covered is None:
             return None
-        grey = _sheet(np.where(self.covered, np.uint8(0), np.uint8(255)))
-        tint = Image.new("RGBA", grey.size, (214, 39, 160))  # pink, which streets do not have
-        tint.putalpha(grey.point(lambda value: 255 * (value > 127)))
-        return _encoded(tint, "PNG")
+        pink = np.array([214, 39, 160, 255], np.uint8)  # which streets do not have
+        return _encoded(np.where(self.covered[..., None], np.uint8(0), pink), "PNG")
 
 
 @dataclass(frozen=True)
@@ -49,14 +47,15 @@ class ShownClip:
     films: Sequence[Film]
 
 
-def shown_clips(material: Material, headline: Headline | None) -> list[ShownClip]:
+def shown_clips(material: Material, findings: Findings | None) -> list[ShownClip]:
     """Return the kept clips that have predictions, those with the worst score first."""
+    scores = findings.clip_scores if findings else {}
+    sign = 1 if findings is None or findings.column.higher_is_better else -1
     shown = []
     for name in material.clips:
         films = list(_films(material, name))
         if len(films) > 1:
-            shown.append(ShownClip(name, headline.score(name) if headline else math.nan, films))
-    sign = 1 if headline is None or headline.column.higher_is_better else -1
+            shown.append(ShownClip(name, scores.get(name, math.nan), films))
     return sorted(shown, key=lambda clip: np.nan_to_num(sign * clip.score, nan=np.inf))
 
 
@@ -72,14 +71,10 @@ def _films(material: Material, name: str) -> Iterator[Film]:
         yield Film(method.label, clips.notes(material, method, name), frames, covered)
 
 
-def _sheet(frames: ByteArray, width_px: int = 208) -> Image.Image:
-    """Return frames [K, H, W, ...] side by side, each at most `width_px` wide."""
+def _encoded(frames: ByteArray, kind: str, width_px: int = 208, **settings: Any) -> bytes:
+    """Return frames [K, H, W, ...] side by side, each at most `width_px` wide, as a file."""
     sheet = Image.fromarray(np.concatenate(list(frames), axis=1))
     sheet.thumbnail((len(frames) * width_px, sheet.height))
-    return sheet
-
-
-def _encoded(image: Image.Image, kind: str, **settings: Any) -> bytes:
     buffer = io.BytesIO()
-    image.save(buffer, kind, **settings)
+    sheet.save(buffer, kind, **settings)
     return buffer.getvalue()

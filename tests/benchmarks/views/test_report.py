@@ -167,8 +167,8 @@ def test_the_findings_are_the_numbers(page: str, folder: Path) -> None:
     )
     assert "3 effective clips are too few" in gain
     results = Results(folder)
-    headline = findings.Headline.of(tables.build(results)[0], results.protocol())
-    assert headline.gain("absent") is None
+    found = findings.find(tables.build(results)[0], results.protocol(), "absent")
+    assert found.gain is None
 
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
