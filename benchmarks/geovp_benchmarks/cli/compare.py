@@ -25,8 +25,8 @@ def run(args: argparse.Namespace) -> Lines:
     for text in (args.a, args.b):
         folder, _, method = text.rpartition(":")
         if Path(text).exists() or not folder:
-            folder, method = text, ""
-        sides.append((Results(Path(folder)), method))
-    (a, method_a), (b, method_b) = sides
+            sides.append(Results(Path(text)))
+        else:
+            sides.append(Results(Path(folder)).select(method))
     yield f"A: {args.a}\nB: {args.b}"
-    yield from compare(a, b, method_a, method_b)
+    yield from compare(*sides)

@@ -55,17 +55,15 @@ def draw_strip(
     width_in: float,
 ) -> None:
     """Draw frames at evenly spaced steps below the label of a row, which ends with its frames."""
-    blank = np.full_like(next(iter(rows.values()))[0], 255)
-    height_px, width_px = blank.shape[:2]
+    _, height_px, width_px, _ = next(iter(rows.values())).shape
     num_steps = min(len(ahead_s), 6, int(width_in / 0.75))
-    steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int).tolist()
+    steps = np.linspace(1, len(ahead_s), num_steps).round().astype(int)
     height_in = len(rows) * (width_in / num_steps * height_px / width_px + 0.17) + 0.3
     gap_px = 1 + width_px // 40
     all_axes = page.add_axes(width_in, height_in, len(rows))
     for axes, (label, frames) in zip(all_axes, rows.items(), strict=True):
-        shown = [frames[k - 1] if k <= len(frames) else blank for k in steps]
-        pad = (0, 0), (0, gap_px), (0, 0)
-        tiles = [np.pad(frame, pad, constant_values=255) for frame in shown]
+        pad = (0, len(ahead_s) - len(frames)), (0, 0), (0, gap_px), (0, 0)
+        tiles = np.pad(frames, pad, constant_values=255)[steps - 1]
         axes.imshow(np.concatenate(tiles, axis=1))
         axes.set_title(label, loc="left")
         axes.set(frame_on=False, xticks=[], yticks=[])

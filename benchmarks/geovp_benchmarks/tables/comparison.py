@@ -7,24 +7,25 @@ from typing import Any
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import title
-from geovp_benchmarks.tables.scores import method_scores
+from geovp_benchmarks.tables.tables import method_scores
 from geovp_classic.errors import BadData
 
 
-def compare(a: Results, b: Results, name_a: str, name_b: str) -> Iterator[str]:
+def compare(a: Results, b: Results) -> Iterator[str]:
     """Yield what differs between two folders, then between methods, and their paired differences.
 
-    With empty names, all methods with the same label are compared.
+    Without a selected method, all methods with the same label are compared.
     """
-    names = [(name_a or name_b, name_b or name_a)]
-    if not any(names[0]):
+    selected = a.selected or b.selected
+    pairs = [*zip(selected, b.selected or selected, strict=True)]
+    if not pairs:
         labels = [method.label for method in b.methods()]
-        names = [(method.label,) * 2 for method in a.methods() if method.label in labels]
-    if not names:
+        pairs = [(method.label, method.label) for method in a.methods() if method.label in labels]
+    if not pairs:
         raise BadData(f"{a.root} and {b.root} share no method: name them as DIR:METHOD")
     shared = list(_differences(_protocol(a), _protocol(b)))
     yield from shared
-    for name, other_name in names:
+    for name, other_name in pairs:
         side, other = a.select(name), b.select(other_name)
         yield f"\n{name}" if name == other_name else f"\n{name} (A), {other_name} (B)"
         lines = list(_differences(_facts(side), _facts(other)))
@@ -61,7 +62,7 @@ def _differences(
     a: Mapping[str, Any], b: Mapping[str, Any], prefix: str = "", max_lines: int = 20
 ) -> Iterator[str]:
     """Yield what differs between nested settings, by dotted keys."""
-    different = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
+    different = [key for key in {**a, **b} if a.get(key) != b.get(key)]
     for key in different[:max_lines]:
         value, other = a.get(key), b.get(key)
         if isinstance(value, Mapping) and isinstance(other, Mapping):
@@ -77,8 +78,8 @@ def _paired_differences(*sides: Results) -> Iterator[str]:
     """Yield the means of each metric, and the mean difference over common clips."""
     clips, clips_b = (side.protocol()["clips"] for side in sides)
     common = [clip for clip in clips if clip in clips_b]
-    scores, scores_b = (method_scores(side, side.methods()[0])[0].scores for side in sides)
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
+    scores, scores_b = (method_scores(side, side.methods()[0])[0].scores for side in sides)
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
         gap = BlockBootstrap().interval(gaps, common)

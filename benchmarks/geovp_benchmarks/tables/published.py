@@ -16,9 +16,8 @@ from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
-from geovp_benchmarks.tables.scores import method_scores
 from geovp_benchmarks.tables.table_model import MethodScores, Table
-from geovp_benchmarks.tables.tables import explained, table_of
+from geovp_benchmarks.tables.tables import explained, method_scores, table_of
 from geovp_classic.errors import BadData
 
 
@@ -32,9 +31,8 @@ def build(results: Results, name: str) -> list[Table]:
         for suffix in suffixes
     }
     methods = _measured(results, paper["row"], protocol.horizons)
-    ours = table_of(name, "measured here", headings, methods, stored)
-    columns = [replace(column, decimals=paper["decimals"]) for column in ours.columns]
-    ours = replace(ours, columns=columns, spread="standard-error")
+    ours = table_of(name, "measured here", headings, methods, stored, paper["decimals"])
+    ours = replace(ours, spread="standard-error")
     notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(stored["clips"])):
         notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
@@ -43,7 +41,7 @@ def build(results: Results, name: str) -> list[Table]:
         Table(
             f"{name}-published",
             "Published, not measured here",
-            columns,
+            ours.columns,
             [_published(row, protocol.metrics, suffixes) for row in paper["row"]],
             [f"{paper['source']}: {paper['about']}."],
             {(row["name"], metric) for row in paper["row"] for metric in row.get("bold", ())},
@@ -69,15 +67,14 @@ def _measured(
     Of several samples the best counts for each metric, as in the papers.
     """
     names = {row["method"]: row["name"] for row in rows if "method" in row}
-    places = {label: place for place, label in enumerate(names)}
-    methods = [method for method in results.methods() if method.num_clips]
-    methods.sort(key=lambda method: places.get(method.label, len(places)))
+    methods = {method.label: method for method in results.methods() if method.num_clips}
     measured = []
-    for method in methods:
+    for label in sorted(methods, key=[*names, *methods].index):
+        method = methods[label]
         scores = method_scores(results, method, horizons=horizons)[-1]
-        name = names.get(method.label, scores.label)
-        label = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
-        measured.append(replace(scores, label=label, is_oracle_selected=False))
+        name = names.get(label, scores.label)
+        name = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
+        measured.append(replace(scores, label=name, is_oracle_selected=False))
     return measured
 
 

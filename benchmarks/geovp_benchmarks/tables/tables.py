@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
-from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables.scores import method_scores
+from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
@@ -88,6 +88,44 @@ def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
 
 
+def method_scores(
+    results: Results, method: Method, *, strict: bool = False, horizons: Sequence[int] = ()
+) -> list[MethodScores]:
+    """Return the scores of a method; of one with several samples, also those of the best sample.
+
+    `strict` leaves out clips that the method could not predict. For each of the horizons there is a
+    column of means over the first steps, such as "psnr t+5".
+    """
+    protocol, stored = results.protocol(), results.scores(method.name)
+    clips, columns = protocol["clips"], stored.means()
+    for num_steps in horizons:
+        first = stored.means(num_steps)
+        columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
+    failed = np.isin(clips, [*method.scored.failures]) & strict
+    for values in columns.values():
+        values[failed] = np.nan
+    lines = []
+    for suffix, reduce in statistics.reductions(method.num_samples).items():
+        scores = {}
+        for key, values in columns.items():
+            facts = stored_facts.facts_of(key, protocol)
+            by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
+            if np.isfinite(by_clip).any():
+                bounds = stored_facts.bounds(facts)
+                scores[key] = BlockBootstrap().interval(by_clip, clips, bounds)
+        lines.append(
+            MethodScores(
+                method.label + suffix,
+                scores,
+                stored_facts.marks(method),
+                method.num_clips - int(failed.sum()),
+                reduce is not statistics.mean_of_samples,
+                protocol["id"],
+            )
+        )
+    return lines
+
+
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
     """Return a table over sets of pixels for each metric that has such scores."""
     keys, tables = _keys(main.methods), []
@@ -114,8 +152,9 @@ def table_of(
     headings: Mapping[str, str],  # by column
     methods: Sequence[MethodScores],
     protocol: Mapping[str, Any],
+    decimals: int | None = None,  # None: as many as the means of each column need
 ) -> Table:
-    """Return a table whose columns have as many decimals as their means need."""
+    """Return a table with the best means in bold."""
     columns = []
     for key, words in headings.items():
         facts = stored_facts.facts_of(key, protocol)
@@ -125,7 +164,7 @@ def table_of(
                 key,
                 stored_facts.labelled(words, facts),
                 facts.get("higher_is_better"),
-                decimals=2 if max(means, default=0) >= 10 else 3,
+                decimals=decimals or (2 if max(means, default=0) >= 10 else 3),
                 missing="unavailable" if facts.get("unavailable") else "-",
             )
         )
