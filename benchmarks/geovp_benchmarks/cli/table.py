@@ -8,19 +8,11 @@ Examples:
   geovp table results/demo --by turning --metrics psnr coverage --format tex
 """
 
-from __future__ import annotations
-
 import argparse
 import os
-from typing import TYPE_CHECKING
 
 from geovp_benchmarks.cli.messages import terminal_width
 from geovp_benchmarks.cli.options import SELECTION, Lines, shared
-
-if TYPE_CHECKING:
-    from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables.table_model import Table
-
 
 ARGUMENTS = {
     "": shared("folder"),
@@ -43,37 +35,31 @@ def run(args: argparse.Namespace) -> Lines:
     # starting threads and looking for plug-ins take a tenth of the time of a table
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
+    from geovp_benchmarks.analysis import strata
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables import formats
+    from geovp_benchmarks.tables import formats, tables
 
     results = Results(args.folder).select(*args.methods)
-    tables = tables_of(args, results)
-    selections = (args.methods, args.metrics, args.by, args.against, args.strict, args.paper)
-    if not any(selections):
-        formats.write_all(results, tables)
-    match args.format:
-        case "csv":
-            texts = [formats.comma_separated(table) for table in tables]
-        case "tex":
-            first = formats.latex(tables[0], args.caption or "", args.label or "")
-            texts = [first, *map(formats.latex, tables[1:])]
-        case "md":
-            texts = [formats.markdown(table, terminal_width()) for table in tables]
-    yield "\n".join(texts)
-
-
-def tables_of(args: argparse.Namespace, results: Results) -> list[Table]:
-    """Return the selected tables."""
-    from geovp_benchmarks.analysis import strata
-    from geovp_benchmarks.tables import tables
-
+    groups = strata.divide(results, args.by) if args.by else [results]
+    options = {"strict": args.strict, "metrics": args.metrics}
     if args.paper:
         from geovp_benchmarks.tables import published
 
-        return published.build(results, args.paper)
-    groups = strata.divide(results, args.by) if args.by else [results]
-    options = {"strict": args.strict, "metrics": args.metrics}
-    if args.against:
-        return [tables.against(group, args.against, **options) for group in groups]
-    built = [tables.build(group, args.spread, **options) for group in groups]
-    return [main for main, *_ in built] if args.by else built[0]
+        shown = published.build(results, args.paper)
+    elif args.against:
+        shown = [tables.against(group, args.against, **options) for group in groups]
+    elif args.by:
+        shown = [tables.build(group, args.spread, **options)[0] for group in groups]
+    else:
+        shown = tables.build(results, args.spread, **options)
+        if not (args.methods or args.metrics or args.strict):
+            formats.write_all(results, shown)
+    match args.format:
+        case "csv":
+            texts = [formats.comma_separated(table) for table in shown]
+        case "tex":
+            first = formats.latex(shown[0], args.caption or "", args.label or "")
+            texts = [first, *map(formats.latex, shown[1:])]
+        case "md":
+            texts = [formats.markdown(table, terminal_width()) for table in shown]
+    yield "\n".join(texts)

@@ -68,8 +68,8 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
 def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
-    scores = (material.results.scores(method.name) for method in material.methods)
-    stored = {name for of_method in scores for name in of_method.values}
+    scores = [material.results.scores(method.name).values for method in material.methods]
+    stored = set().union(*scores)
     return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name))
 
 

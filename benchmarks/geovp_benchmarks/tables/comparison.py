@@ -35,7 +35,7 @@ def compare(a: Results, b: Results) -> Iterator[str]:
 
 def _protocol(results: Results) -> dict[str, Any]:
     """Return what a folder stores about all methods."""
-    skipped = ("name", "methods", "fingerprint", "kept")
+    skipped = ("name", "methods", "fingerprint")
     protocol = {key: value for key, value in results.protocol().items() if key not in skipped}
     return {**protocol, "clips": dict.fromkeys(protocol["clips"], "present")}
 

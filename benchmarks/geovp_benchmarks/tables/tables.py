@@ -50,8 +50,11 @@ def against(
     main, protocol = _main_table(results, metrics, strict), results.protocol()
     reference = _main_table(results.select(name), (), strict).methods[0]
     columns = [column for column in main.columns if column.key in reference.scores]
-    errors = [column.key for column in columns if column.higher_is_better is False]
-    exact = [key for key in errors if reference.scores[key].is_exact]
+    exact = [
+        column.key
+        for column in columns
+        if column.higher_is_better is False and reference.scores[column.key].is_exact
+    ]
     others = [m for m in main.methods if m.label != reference.label and m.scores]
     bootstrap = BlockBootstrap(1 - 0.05 / max(1, len(others)))  # Bonferroni
     methods, starred = [], set()
