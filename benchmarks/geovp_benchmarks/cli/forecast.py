@@ -15,7 +15,7 @@ from geovp_benchmarks.progress import announce
 ARGUMENTS = {
     "": {"poses FOLDER": "Folder of pose files."},
     "windows": {
-        "--sequences NN... = 03 05 06 07 10": "Sequences.",
+        "--sequences NN...": "Sequences. Default: all in the folder.",
         "--past N = 10": "Number of observed poses.",
         "--future N = 20": "Number of predicted poses.",
         "--stride N = 5": "Number of frames between the starts of two windows.",
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> Lines:
     for name, forecaster in forecasters.items():
         announce(name)
         table[name] = forecasting.evaluate(windows, forecaster)
-    yield f"{len(windows)} windows of {', '.join(args.sequences)}\n"
+    yield f"{len(windows)} windows of {', '.join(args.sequences) or 'all sequences'}\n"
     names = dict.fromkeys(name for means in table.values() for name in means)
     rows = [
         [name, *(f"{means[name]:.3f}" if name in means else "-" for means in table.values())]

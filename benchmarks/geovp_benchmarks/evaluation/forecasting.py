@@ -4,7 +4,7 @@ Errors of position and yaw are taken on the x-z plane of the last observed camer
 pitch and roll over the plane of the past motion.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,14 @@ from geovp_classic.types import FloatArray, Trajectory
 Window = tuple[Trajectory, Trajectory]  # past and future
 
 
-def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
-    """Return the trajectories folder/NN.txt; raise BadData for a missing or wrong file.
+def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
+    """Return the named trajectories folder/NN.txt, or all; BadData for a missing or wrong file.
 
     Times are those of folder/NN_times.txt or of folder/../sequences/NN/times.txt.
     """
+    stems = sorted(path.stem for path in folder.glob("*.txt"))
     sequences = {}
-    for name in names:
+    for name in names or [stem for stem in stems if not stem.endswith("_times")]:
         if not (folder / f"{name}.txt").is_file():
             raise BadData(f"{folder} holds no {name}.txt: name existing pose files by --sequences")
         times = folder / f"{name}_times.txt"
@@ -39,7 +40,7 @@ def read_sequences(folder: Path, names: Iterable[str]) -> dict[str, Trajectory]:
 
 
 def read_windows(
-    folder: Path, names: Iterable[str], num_past: int = 10, num_future: int = 20, stride: int = 5
+    folder: Path, names: Sequence[str], num_past: int = 10, num_future: int = 20, stride: int = 5
 ) -> list[Window]:
     """Return all windows of the named sequences; raise BadData if there is none."""
     length = num_past + num_future
@@ -49,7 +50,7 @@ def read_windows(
             window = trajectory[first : first + length]
             windows.append((window[:num_past], window[num_past:]))
     if not windows:
-        raise BadData(f"{folder}: no sequence is as long as one window of {length} poses")
+        raise BadData(f"{folder}: no pose file NN.txt is as long as one window of {length} poses")
     return windows
 
 

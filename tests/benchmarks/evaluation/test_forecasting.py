@@ -50,6 +50,7 @@ def test_windows_are_cut_every_stride_frames_to_the_end(folder: Path) -> None:
     windows = read_windows(folder, ["03"], 30, 20, 5)  # of 60 poses: 11 starts, every fifth
     assert [past.times_s[0] for past, _ in windows] == pytest.approx([0.0, 0.5, 1.0])
     assert tuple(map(len, windows[0])) == (30, 20)
+    assert len(read_windows(folder, [], 30, 20, 5)) == 6  # of all sequences
     with pytest.raises(BadData, match="61 poses"):
         read_windows(folder, ["03"], 30, 31, 5)
 
