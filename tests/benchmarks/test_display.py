@@ -216,6 +216,14 @@ class TestSource:
         source = street_source(CLIP.frames[:4], np.array([0, 0.1, 50.1, 50.0]))
         assert source.due_s() == pytest.approx([0, 0.1, 1.1, 1.1])
 
+    def test_an_image_is_repeated_until_the_next(self) -> None:
+        source = street_source(CLIP.frames[:3])
+        shown = list(source.images(threading.Event(), repeat_s=0.02))
+        numbers, times_s, _ = zip(*shown, strict=True)
+        assert numbers.count(0) > 2
+        assert numbers[-1] == 2
+        assert (np.diff(times_s) > 0).all()
+
     def test_a_camera_delivers_its_next_image(self, monkeypatch: pytest.MonkeyPatch) -> None:
         class Camera:
             images = [CLIP.frames[0][..., ::-1]] * 3

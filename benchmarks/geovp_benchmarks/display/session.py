@@ -1,5 +1,6 @@
 """A display session: takes images, delays them, predicts the present and shows it."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -119,9 +120,15 @@ class Session:
         self._late: Sent | None = None  # the newest image that the predictor has
 
     def _show(self, publish: Publish, stop: threading.Event) -> None:
-        """Send the images of the source, and show a view at the time of each."""
-        for number, time_s, frame in self.source.images(stop):
-            self._channel.send(number, frame, time_s, time.monotonic())
+        """Send the images of the source, and show a view at the time of each.
+
+        A driver, who waits for the effect of a command, has more views than images.
+        """
+        repeat_s, newest = math.inf if self.driver is None else 0.04, -1
+        for number, time_s, frame in self.source.images(stop, repeat_s):
+            if number > newest:
+                self._channel.send(number, frame, time_s, time.monotonic())
+                newest = number
             publish(self.draw_present(time_s, frame))
 
     def _push(self, sent: Sent) -> None:

@@ -66,10 +66,13 @@ class Source:
         """Return when the replayed frames were taken [N]."""
         return self.recording.times_s[self.numbers]
 
-    def images(self, stop: threading.Event) -> Iterator[tuple[int, float, ByteArray]]:
+    def images(
+        self, stop: threading.Event, repeat_s: float
+    ) -> Iterator[tuple[int, float, ByteArray]]:
         """Yield number, time and image until `stop` is set: of a camera, each as it comes.
 
-        Images of a recording are yielded once, when they are due; overdue ones are dropped.
+        Images of a recording are yielded when they are due; overdue ones are dropped. The last one
+        is repeated with the present time after each `repeat_s` without a new one.
         """
         start_s = time.monotonic()
         if self.is_camera:
@@ -78,12 +81,16 @@ class Source:
                 if stop.is_set():
                     return
                 yield number, time.monotonic() - start_s, frame
-        step, due_s = 0, start_s + self.due_s()
-        while step < len(due_s) and not stop.wait(due_s[step] - time.monotonic()):
-            newest = int(np.searchsorted(due_s, time.monotonic(), side="right")) - 1
-            step = max(step, newest)
-            yield step, self.times_s[step], self.read(step)
-            step += 1
+        step, due_s = -1, start_s + self.due_s()
+        while step + 1 < len(due_s):
+            if stop.wait(min(due_s[step + 1] - time.monotonic(), repeat_s)):
+                return
+            now_s = time.monotonic()
+            newest = int(np.searchsorted(due_s, now_s, side="right")) - 1
+            ahead_s = now_s - due_s[step]
+            if newest > step:
+                step, ahead_s, frame = newest, 0.0, self.read(newest)
+            yield step, self.times_s[step] + ahead_s, frame
 
     def read(self, step: int) -> ByteArray:
         """Return a replayed frame [H, W, 3]; of a camera, wait for the next image."""
