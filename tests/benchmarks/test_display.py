@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import av
+import bag_files
 import cv2
 import numpy as np
 import pytest
@@ -258,6 +259,17 @@ class TestSource:
         assert source.recording.camera_height_m == 1.65
         with pytest.raises(BadData, match="remove --fov"):
             Source.open(PredictionRequest(tmp_path, fov_deg=70))
+
+    def test_a_bag_without_calibration_needs_it(self, tmp_path: Path) -> None:
+        def without(topic: str, message: object) -> object:
+            return None if "camera_info" in topic else message
+
+        bag = bag_files.write(tmp_path, "run.bag", CLIP, without)
+        with pytest.raises(BadData, match="intrinsics"):
+            Source.open(PredictionRequest(bag))
+        source = Source.open(PredictionRequest(bag, fov_deg=70))
+        assert len(source.times_s) == len(CLIP.frames)
+        assert (source.read(3) == CLIP.frames[3]).all()
 
 
 def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:

@@ -15,7 +15,7 @@ from geovp_benchmarks.predict.camera import find_camera
 from geovp_benchmarks.predict.prediction import read_recording
 from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic import registry
-from geovp_classic.data import layouts
+from geovp_classic.data import bags, layouts
 from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
@@ -44,7 +44,7 @@ class Source:
         if is_camera:
             recording = _camera(request)
             numbers = range(1)
-        elif layouts.detect(path)[0] == "folder":
+        elif layouts.detect(path)[0] == "folder" or (bags.is_bag(path) and request.has_camera):
             if sequence is not None:
                 raise BadData(f"{path} has no sequences: remove --sequence")
             recording, lens = read_recording(request)
