@@ -63,7 +63,7 @@ class Method:
                     values[:, number] = means
                 except Incompatible as error:
                     reasons.append(str(error))
-        if np.isnan([*scores.values()]).all():
+        if reasons and np.isnan([*scores.values()]).all():
             raise Incompatible(reasons[0])
         return scores, names, [*dict.fromkeys(reasons)]
 
