@@ -49,12 +49,10 @@ class AnchoredAdjustment:
     robust_px: float = 0.5  # scale of Cauchy's loss
     # Weight of the pixels of the first camera: the points hardly leave its rays.
     first_weight: int = 8
+    anchor_weight: int = 2  # pycolmap needs two observations of a point
     tangent: float = (
         0.5  # of the angle between the rays of the anchors and the axis
     )
-    # Deviation of a given rotation that an anchor penalises as much as a corner an error of
-    # `robust_px`.
-    deviation_rad: float = 7.2e-4
     # Depth of near anchors, which fix the position, over the distance from the first camera.
     near_depth: float = 4.0
     # Depth of far anchors, which fix the rotation, over the longest distance.
@@ -74,10 +72,7 @@ class AnchoredAdjustment:
         pixels = np.concatenate([pixels, anchor_pixels], axis=1)
         weights = np.ones(pixels.shape[:2], int)
         weights[0] = self.first_weight
-        deviation_px = self.deviation_rad * camera.fx_px
-        anchor_weight = round((self.robust_px / deviation_px) ** 2)
-        # pycolmap needs two observations of a point.
-        weights[:, len(points) :] = max(2, anchor_weight)
+        weights[:, len(points) :] = self.anchor_weight
         all_points = np.concatenate([points, anchors])
         square = _square(pixels, camera)
         model = reconstruction(cam_from_world, all_points, *square, weights)

@@ -9,11 +9,9 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting import constant
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.bundle_adjustment import AnchoredAdjustment
 from geovp_classic.interfaces import PoseSource
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
-from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.pose_sources.constant_velocity import ConstantVelocity
@@ -68,8 +66,7 @@ def test_registered_corrects_poses_that_contradict_future_images() -> None:
     error[5:, 3] = np.deg2rad(0.4) * np.arange(1, 6)  # of pitch; 0.4 degrees are a pixel
     recorded = replace(truth, world_from_cam=truth.world_from_cam @ se3.exp(error))
     given = context(replace(street_clip, trajectory=recorded))
-    adjustment = AnchoredAdjustment(deviation_rad=np.deg2rad(0.3))
-    motion = Registered(registration=ImageRegistration(adjustment=adjustment)).estimate(given)
+    motion = Registered().estimate(given)
     np.testing.assert_array_equal(motion.past.world_from_cam[-1], truth.world_from_cam[4])
     left = se3.inverse(truth.world_from_cam[5:]) @ motion.futures[0]
     assert np.rad2deg(se3.rotation_angle_rad(left)).max() < 1.1  # of 2.0
