@@ -1,6 +1,7 @@
 """Score files: parquet with the scores of some clips of a method; a content hash in the file name.
 
-A file has a row per clip, sample, step and metric. Its metadata says how the clips were scored.
+A file has a row per clip, sample, step and metric. Its metadata says how the clips were scored, and
+holds the facts of the clips.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from geovp_benchmarks.results.scores import Scores
 from geovp_benchmarks.results.validation import adapter
 from geovp_classic.errors import BadData, Incompatible, MissingExtra
 from geovp_classic.types import FloatArray
+
+Facts = dict[str, dict[str, float]]
 
 
 class Failure(NamedTuple):
@@ -58,7 +61,8 @@ class ScoreRecord:
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
     failures: dict[str, Failure] = field(default_factory=dict)  # by clip
     written_ns: int = 0  # the newest scores of a clip count
-    facts: dict[str, dict[str, float]] = field(default_factory=dict)  # by clip, of itself
+    # numbers of the clips themselves, by clip; empty when read, see `ScoreFiles.facts`
+    facts: Annotated[Facts, Field(exclude=True)] = field(default_factory=dict)
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
     @cached_property
@@ -83,12 +87,6 @@ class NewestRecords(dict[str, ScoreRecord]):
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
         records = self.items()
         return {clip: record.failures[clip] for clip, record in records if clip in record.failures}
-
-    @property
-    def facts(self) -> dict[str, dict[str, float]]:
-        """Return numbers that are known of the clips themselves, by clip and name."""
-        records = self.items()
-        return {clip: record.facts[clip] for clip, record in records if clip in record.facts}
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -118,7 +116,6 @@ class NewestRecords(dict[str, ScoreRecord]):
                 peak_memory_mb=group.peak_memory_mb,
                 failures=group.failures,
                 written_ns=max(record.written_ns for record in group.values()),
-                facts=group.facts,
             )
             for group in groups.values()
         ]
@@ -148,14 +145,19 @@ class ScoreFiles:
     def records(self) -> dict[str, list[ScoreRecord]]:
         """Return the records of all other files by method."""
         by_method: dict[str, list[ScoreRecord]] = {}
-        paths = [str(path) for path in self._paths if path not in self.damaged]
-        query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = 'geovp'"
-        stored = self._database.execute(query, {"paths": paths}).fetchall() if paths else []
-        for name, text in stored:
+        paths = [path for path in self._paths if path not in self.damaged]
+        for name, text in self._metadata("geovp", paths):
             for record in adapter(list[ScoreRecord]).validate_json(text):
                 of_method = by_method.setdefault(record.method, [])
                 of_method.append(replace(record, path=Path(name)))
         return by_method
+
+    def facts(self, records: Iterable[ScoreRecord]) -> Facts:
+        """Return numbers that are known of the clips themselves, by clip and name."""
+        facts: Facts = {}
+        for _, text in self._metadata("facts", {record.path for record in records}):
+            facts |= json.loads(text)
+        return facts
 
     def scores(
         self, records: Mapping[str, NewestRecords], clips: Sequence[str]
@@ -185,8 +187,9 @@ class ScoreFiles:
             "if(isnan(value), NULL, value) AS value FROM rows"
         )
         now = time.time_ns()
-        records = (replace(record, written_ns=now) for _, record in scored)
-        self._copy(query, method, NewestRecords.of(records))
+        records = [replace(record, written_ns=now) for _, record in scored]
+        facts = {clip: numbers for record in records for clip, numbers in record.facts.items()}
+        self._copy(query, method, NewestRecords.of(records), facts)
 
     def merge(self, method: str, fingerprint: str) -> None:
         """Merge the score files of one fingerprint in the folder of a method."""
@@ -205,9 +208,15 @@ class ScoreFiles:
             "SELECT method, clip, sample, step, metric, value FROM selected "
             "ORDER BY number, metric, sample, step"
         )
-        merged = self._copy(query, method, latest)
+        merged = self._copy(query, method, latest, self.facts(records))
         for path in paths - {merged}:
             path.unlink(missing_ok=True)
+
+    def _metadata(self, key: str, paths: Iterable[Path]) -> list[tuple[str, str]]:
+        """Return the names of files, and what they hold under a key."""
+        query = "SELECT file_name, value FROM parquet_kv_metadata($paths) WHERE key = $key"
+        values = {"paths": [*map(str, paths)], "key": key}
+        return self._database.execute(query, values).fetchall() if values["paths"] else []
 
     def _register(self, rows: Sequence[tuple[Any, ...]], **kinds: type) -> None:
         """Define the view `rows` with columns of these kinds; text is an object."""
@@ -232,16 +241,18 @@ class ScoreFiles:
             "USING (filename, method, clip)"
         )
 
-    def _copy(self, query: str, method: str, latest: NewestRecords) -> Path:
-        """Write the rows of a query into a new score file with the records as metadata."""
+    def _copy(self, query: str, method: str, latest: NewestRecords, facts: Facts) -> Path:
+        """Write the rows of a query into a new score file with records and facts as metadata."""
         records = adapter(list[ScoreRecord]).dump_python(latest.joined)
+        metadata = {"geovp": json.dumps(records), "facts": json.dumps(facts)}
+        pairs = ", ".join(f"{key}: '{_quoted(text)}'" for key, text in metadata.items())
         folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{uuid.uuid4()}.part"
         try:
             self._database.execute(
                 f"COPY ({query}) TO '{_quoted(scratch)}' (FORMAT parquet, USE_TMP_FILE false, "
-                f"KV_METADATA {{geovp: '{_quoted(json.dumps(records))}'}})"
+                f"KV_METADATA {{{pairs}}})"
             )
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)

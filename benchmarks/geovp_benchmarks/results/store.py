@@ -26,7 +26,7 @@ import duckdb
 from geovp_benchmarks.results import kept_files, records
 from geovp_benchmarks.results.kept_files import KeptFiles
 from geovp_benchmarks.results.records import Method
-from geovp_benchmarks.results.score_files import NewestRecords, ScoreFiles, ScoreRecord
+from geovp_benchmarks.results.score_files import Facts, NewestRecords, ScoreFiles, ScoreRecord
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
@@ -146,12 +146,13 @@ class Results:
                 scores |= self._score_files.scores(group, self.protocol()["clips"])
         return scores
 
-    def clip_facts(self) -> dict[str, dict[str, float]]:
+    @_remembered
+    def clip_facts(self) -> Facts:
         """Return numbers that are known of the clips themselves, by clip and name."""
-        facts: dict[str, dict[str, float]] = {}
-        for method in self.by_name().values():
-            facts |= method.scored.facts
-        return facts
+        methods = self.by_name().values()
+        return self._score_files.facts(
+            record for method in methods for record in method.scored.values()
+        )
 
     def predictions(self, method: Method) -> KeptFiles[Prediction]:
         """Return the kept predictions of a method."""
