@@ -17,7 +17,7 @@ import numpy as np
 from scipy import ndimage
 
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.cli.options import option
+from geovp_benchmarks.cli.options import number, option
 from geovp_benchmarks.display.channel import Channel
 from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
@@ -47,7 +47,7 @@ ARGUMENTS = {
         "frames FRAMES... = 03[0:180) raw0095": option(
             "Sequences or stretches of them.", nargs="*"
         ),
-        "--num-frames N = 90": "Frames of a drive, at least 39.",
+        "--num-frames N = 90": option("Frames of a drive, at least 39.", type=number(39)),
         "--every N = 5": "Frames between two scored ones.",
         "--metrics NAME... = psnr ssim lpips": "Metrics of frames.",
         "--plot FILE": "File for curves: png, pdf or svg.",
