@@ -150,9 +150,9 @@ class Results:
     def clip_facts(self) -> Facts:
         """Return numbers that are known of the clips themselves, by clip and name."""
         methods = self.by_name().values()
-        return self._score_files.facts(
-            record for method in methods for record in method.scored.values()
-        )
+        records = (record for method in methods for record in method.scored.values())
+        facts = self._score_files.facts(records)
+        return {clip: facts[clip] for clip in self.protocol()["clips"] if clip in facts}
 
     def predictions(self, method: Method) -> KeptFiles[Prediction]:
         """Return the kept predictions of a method."""
