@@ -17,17 +17,17 @@ from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
-Kept = TypeVar("Kept", Clip, Prediction)
+Stored = TypeVar("Stored", Clip, Prediction)
 NESTED = {"intrinsics": Intrinsics, "trajectory": Trajectory, "motion": Motion, "past": Trajectory}
 
 
 @dataclass(frozen=True)
-class KeptFiles(Generic[Kept]):
+class KeptFiles(Generic[Stored]):
     """Kept clips, or predictions of a method, of one fingerprint."""
 
     folder: Path
     fingerprint: str
-    kind: type[Kept]
+    kind: type[Stored]
 
     @property
     def names(self) -> list[str]:
@@ -40,18 +40,18 @@ class KeptFiles(Generic[Kept]):
         """Return the file of a clip, from whose name that of the clip can be recovered."""
         return self.folder / f"{quote(clip, safe='+@=, ')}.{self.fingerprint[:8]}.npz"
 
-    def write(self, clip: str, value: Kept) -> None:
+    def write(self, clip: str, value: Stored) -> None:
         """Write all fields but those that are None; a clip without its full and right views."""
         stream = io.BytesIO()  # a zip file raises a second error when it is closed on a full disk
         np.savez_compressed(stream, **dict(_flattened(value)))
         write_bytes(self.path(clip), stream.getvalue())
 
-    def read(self, clip: str) -> Kept:
+    def read(self, clip: str) -> Stored:
         """Return a clip or prediction; raise BadData for a missing file or other arrays."""
         path = self.path(clip)
         arrays = files.read_npz(path)
         with files.checked(f"{path} holds another {self.kind.__name__}", "remove it"):
-            value: Kept = _built(self.kind, arrays)
+            value: Stored = _built(self.kind, arrays)
         return value
 
 

@@ -64,7 +64,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     needs = PrivilegedInput.NONE
     for method in matrix.methods:
         parts = {role: components[key] for role, key in method.components.items()}
-        failures = [part for part in parts.values() if isinstance(part, Failure)]
+        failures = [each for each in parts.values() if isinstance(each, Failure)]
         if failures:
             predictors[method.name] = failures[0]
         else:
