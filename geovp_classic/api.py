@@ -15,9 +15,7 @@ from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
-Spec = (
-    str | Mapping[str, Any]
-)  # "name" or {"name": ..., **settings}, as in a matrix file
+Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
 
 
 def open_clip(source: Spec | Path, index: int = 0) -> Clip:
@@ -82,16 +80,12 @@ def evaluate(
     for spec in metrics:
         metric: FrameMetric = registry.build("frame_metrics", spec)
         name = spec if isinstance(spec, str) else spec["name"]
-        samples = [
-            metric(frames, target.frames, None) for frames in prediction.frames
-        ]
+        samples = [metric(frames, target.frames, None) for frames in prediction.frames]
         values[name] = np.stack(samples)
     return values
 
 
-def show(
-    shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5
-) -> Image.Image:
+def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) -> Image.Image:
     """Draw a film strip of frames evenly spaced from the first to the last, for a notebook.
 
     A clip is one row, labelled with seconds since its first frame. A prediction has one row per
@@ -101,9 +95,7 @@ def show(
         raise BadData(f"num_frames is {num_frames}: give 1 or more")
     if isinstance(shown, Clip):
         rows = shown.frames[None]
-        labels = [
-            f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]
-        ]
+        labels = [f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]]
     else:
         rows = shown.frames[:max_samples]
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]

@@ -23,9 +23,7 @@ def opened(path: Path) -> Iterator[io.BufferedReader]:
     try:
         if path.exists() and not path.is_file():
             kind = "folder" if path.is_dir() else "pipe or device"
-            raise BadData(
-                f"{path} is a {kind}, expected a file: give a file on disk"
-            )
+            raise BadData(f"{path} is a {kind}, expected a file: give a file on disk")
         with path.open("rb") as file:
             yield file
     except (OSError, ValueError) as problem:  # ValueError: a NUL in the name
@@ -101,18 +99,12 @@ def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
 def leads_inside(name: str) -> bool:
     """Return whether a relative path from data stays inside its folder."""
     path = Path(name)
-    return (
-        not path.is_absolute() and ".." not in path.parts and "\0" not in name
-    )
+    return not path.is_absolute() and ".." not in path.parts and "\0" not in name
 
 
 def check_name(name: str, what: str) -> None:
     """Raise BadData unless a name is one line of UTF-8 and stays inside its folder."""
     if re.search(r"[\ud800-\udfff\0\n\r]", name):
-        raise BadData(
-            f"{what} {name!r} is not text in UTF-8 on one line: rename it"
-        )
+        raise BadData(f"{what} {name!r} is not text in UTF-8 on one line: rename it")
     if not leads_inside(name):
-        raise BadData(
-            f"{what} {name!r} leads out of its folder: give a path inside it"
-        )
+        raise BadData(f"{what} {name!r} leads out of its folder: give a path inside it")

@@ -99,9 +99,7 @@ class Scale(Component, Protocol):
 class Forecaster(Protocol):
     """Predictor of future poses from past poses alone."""
 
-    def forecast(
-        self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
-    ) -> FloatArray:
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Return futures [S, F, 4, 4] at the times [F], in the world frame of the past."""
 
 
@@ -131,9 +129,7 @@ class PoseRefinement(Component, Protocol):
 class DepthSource(Component, Protocol):
     """Estimator of the depth of the observed pixels."""
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse z-depth [P, H, W] and confidence [P, H, W] in [0, 1].
 
         The unit is 1 / that of the past trajectory; 0 is infinitely far.

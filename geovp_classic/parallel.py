@@ -19,9 +19,7 @@ Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")
 
 
-def parallel_map(
-    work: Callable[[Task], Result], tasks: Iterable[Task]
-) -> list[Result]:
+def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
     """Return the results in the order of the tasks, from as many threads as NUMBA_NUM_THREADS says.
 
     Nested calls work in the calling thread.

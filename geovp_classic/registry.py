@@ -55,9 +55,7 @@ EXTRA_OF_MODULE = {
     "transformers": "pretrained",
 }
 
-_defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar(
-    "defaults"
-)
+_defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
 
 
 def names(role: str) -> list[str]:
@@ -72,17 +70,13 @@ def load(role: str, name: str) -> type:
     """
     entry_points = _entry_points(role)
     if name not in entry_points:
-        raise UnknownComponent(
-            f"{role} have no {name!r}{nearest(name, entry_points)}"
-        )
+        raise UnknownComponent(f"{role} have no {name!r}{nearest(name, entry_points)}")
     try:
         return typing.cast(type, entry_points[name].load())
     except (ImportError, AttributeError, OSError) as error:
         module = str(getattr(error, "name", "")).partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
-        remedy = (
-            install_command(extra) if extra else "fix or reinstall its package"
-        )
+        remedy = install_command(extra) if extra else "fix or reinstall its package"
         raise MissingExtra(
             f"component {name!r} of {role} cannot be loaded ({error}): {remedy}"
         ) from error
@@ -115,9 +109,7 @@ def defaults(**fields: Any) -> Iterator[None]:
         _defaults.reset(token)
 
 
-def construct(
-    kind: type, settings: Mapping[str, Any], where: str, name: str = ""
-) -> Any:
+def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "") -> Any:
     """Build a dataclass from a table of its fields, checked against their types.
 
     Messages call it `name` and the place in the user's file `where`. Raises UnknownComponent for
@@ -125,26 +117,18 @@ def construct(
     """
     name = name or kind.__name__
     if not dataclasses.is_dataclass(kind):
-        raise BadData(
-            f"{name} is not a dataclass: a component's fields are its settings"
-        )
+        raise BadData(f"{name} is not a dataclass: a component's fields are its settings")
     hints = typing.get_type_hints(kind)
     fields = inspect.signature(kind).parameters
-    values = {
-        key: value for key, value in _defaults.get({}).items() if key in fields
-    }
+    values = {key: value for key, value in _defaults.get({}).items() if key in fields}
     values |= settings
     for key, value in values.items():
         if key not in fields:
-            raise UnknownComponent(
-                f"{where}: {name!r} has no field {key!r}{nearest(key, fields)}"
-            )
+            raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, fields)}")
         values[key] = _value(value, hints[key], f"{where}.{key}")
     for key, field in fields.items():
         if key not in values and field.default is field.empty:
-            raise BadData(
-                f"{where}: {name!r} needs the field {key!r}: add it to the table"
-            )
+            raise BadData(f"{where}: {name!r} needs the field {key!r}: add it to the table")
     try:
         return kind(**values)
     except GeovpError as error:
@@ -164,17 +148,13 @@ def name_of(component: Any) -> str:
         for name, entry_point in _entry_points(role).items():
             if entry_point.value == path:
                 return name
-    raise UnknownComponent(
-        f"{path} is not registered: add it to the entry points of its package"
-    )
+    raise UnknownComponent(f"{path} is not registered: add it to the entry points of its package")
 
 
 @functools.cache
 def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
-        raise UnknownComponent(
-            f"there is no role {role!r}{nearest(role, ROLES)}"
-        )
+        raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
     group = metadata.entry_points(group=f"geovp.{role}")
     return {entry_point.name: entry_point for entry_point in group}
 
@@ -210,9 +190,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
     origin = typing.get_origin(kind)
     options = typing.get_args(kind)
     if origin in (Union, types.UnionType):
-        *others, last = (
-            option for option in options if option is not types.NoneType
-        )
+        *others, last = (option for option in options if option is not types.NoneType)
         if value in (NONE, None) and types.NoneType in options:
             return None
         for option in others:
@@ -221,20 +199,14 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         return _value(value, last, where)
     if origin is Literal:
         if value not in options:
-            raise BadData(
-                f"{where} is {value!r}{nearest(str(value), map(str, options))}"
-            )
+            raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, options))}")
         return value
     if origin is tuple and isinstance(value, (list, tuple)):
         kinds = options[:1] * len(value) if options[-1] is Ellipsis else options
         if len(value) != len(kinds):
-            raise BadData(
-                f"{where} has {len(value)} values, expected {len(kinds)}"
-            )
+            raise BadData(f"{where} has {len(value)} values, expected {len(kinds)}")
         items = enumerate(zip(value, kinds, strict=True))
-        return tuple(
-            _value(item, kind, f"{where}[{i}]") for i, (item, kind) in items
-        )
+        return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in items)
     for role, protocol in PROTOCOL_OF_ROLE.items():
         if kind is protocol:
             return build(role, value, where)
@@ -252,6 +224,4 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         bool: "true or false",
         Path: "a path",
     }
-    raise BadData(
-        f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}"
-    )
+    raise BadData(f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}")

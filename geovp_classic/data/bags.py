@@ -67,8 +67,7 @@ class Bag:
             from rosbags.typesys import Stores, get_typestore
         except ImportError as problem:
             raise MissingExtra(
-                "bags need rosbags, which is not installed: "
-                f"{install_command('rosbag')}"
+                f"bags need rosbags, which is not installed: {install_command('rosbag')}"
             ) from problem
         self.path = path
         with self._checked():
@@ -110,9 +109,7 @@ class Bag:
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[int, Any]]:
         """Yield the messages recorded in [start_ns, end_ns), each after its time of recording."""
-        connections = [
-            each for each in self._reader.connections if each.topic == topic
-        ]
+        connections = [each for each in self._reader.connections if each.topic == topic]
         if not connections:  # which would stand for all
             return
         with self._checked():
@@ -140,9 +137,7 @@ class Bag:
             _, message = next(self.messages(topic))
             # ROS 1 has capital letters
             table = {
-                name.lower(): value.tolist()
-                if isinstance(value, np.ndarray)
-                else value
+                name.lower(): value.tolist() if isinstance(value, np.ndarray) else value
                 for name, value in vars(message).items()
             }
             if not any(table["k"]):
@@ -199,9 +194,7 @@ class BagImages:
         recorded_ns = self._recorded_ns[int(name.name)]
         recorded = self._bag.messages(self.topic, recorded_ns, recorded_ns + 1)
         message = next(
-            message
-            for _, message in recorded
-            if stamp_ns(message, recorded_ns) == int(name.name)
+            message for _, message in recorded if stamp_ns(message, recorded_ns) == int(name.name)
         )
         return decode(name, message, self._bits)
 

@@ -58,18 +58,14 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
             folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
             cameras = [folder[1]] if folder else KITTI_CAMERAS
             names = [f"{match[1]}{camera}" for camera in cameras]
-            name = next(
-                (name for name in names if f"{name}:" in text), names[0]
-            )
+            name = next((name for name in names if f"{name}:" in text), names[0])
             camera, _ = read_projection(path, name, size_px)
         else:
             camera = _camera_of_colmap(text)
     return scaled_to(camera, size_px, str(path))
 
 
-def scaled_to(
-    camera: DistortedCamera, size_px: Size, source: str
-) -> DistortedCamera:
+def scaled_to(camera: DistortedCamera, size_px: Size, source: str) -> DistortedCamera:
     """Return the camera for images of another size; BadData if the aspect ratio differs, too."""
     width_px, height_px = camera.size_px
     if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
@@ -80,9 +76,7 @@ def scaled_to(
     return replace(camera, pinhole=camera.pinhole.resized(*size_px))
 
 
-def exif_focal_px(
-    photo: Path | None, film_diagonal_mm: float = 43.27
-) -> float | None:
+def exif_focal_px(photo: Path | None, film_diagonal_mm: float = 43.27) -> float | None:
     """Return the focal length in pixels by the 35 mm equivalent in a photo's EXIF data.
 
     None if the data state none. The equivalent refers to a film of 36 x 24 mm (CIPA DCG-001).
@@ -97,9 +91,7 @@ def exif_focal_px(
     except Exception:
         return None
     is_plausible = 0 < equivalent_mm < 5000
-    return (
-        equivalent_mm * diagonal_px / film_diagonal_mm if is_plausible else None
-    )
+    return equivalent_mm * diagonal_px / film_diagonal_mm if is_plausible else None
 
 
 def read_entry(path: Path, name: str, count: int) -> FloatArray:
@@ -115,9 +107,7 @@ def read_entry(path: Path, name: str, count: int) -> FloatArray:
     raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
 
 
-def read_projection(
-    path: Path, name: str, size_px: Size
-) -> tuple[DistortedCamera, FloatArray]:
+def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCamera, FloatArray]:
     """Read the projection K [I | t] of a rectified camera in one of KITTI's files.
 
     Return the camera, and cam_from_cam0 [4, 4]; BadData for another projection.
@@ -153,9 +143,7 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
         return next((table[key] for key in keys if key in table), None)
 
     if table.get("camera_model", "pinhole") != "pinhole":
-        raise ValueError(
-            f"camera_model is {table['camera_model']!r}, expected pinhole"
-        )
+        raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
     if "intrinsics" in table:
         numbers = table["intrinsics"]
         size_px = table["resolution"]
@@ -165,9 +153,7 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
         size_px = first("image_width", "width"), first("image_height", "height")
     fx, fy, cx, cy = map(float, numbers)
     view = Intrinsics(fx, fy, cx, cy, *map(int, size_px))
-    distortion = matrix_data(
-        first("distortion_coeffs", "distortion_coefficients", "D", "d")
-    )
+    distortion = matrix_data(first("distortion_coeffs", "distortion_coefficients", "D", "d"))
     model = MODELS[table.get("distortion_model") or "none"]
     return DistortedCamera(view, model, tuple(map(float, distortion)))
 
@@ -181,9 +167,7 @@ def _camera_of_colmap(text: str) -> DistortedCamera:
     """Parse the only camera of a cameras.txt."""
     from geovp_classic.colmap_library import pycolmap
 
-    (line,) = [
-        line for line in text.splitlines() if line.strip() and line[0] != "#"
-    ]
+    (line,) = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
     _, name, width_px, height_px, *params = line.split()
     # a Camera(model=name) would leak for unknown names
     camera = pycolmap.Camera(

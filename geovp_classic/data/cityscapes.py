@@ -113,17 +113,13 @@ def read_calibration(path: Path) -> tuple[DistortedCamera, FloatArray]:
     """
     intrinsic = read_numbers(path, ("fx", "fy", "u0", "v0"), "intrinsic")
     fx, fy, cx, cy = intrinsic.tolist()
-    extrinsic = read_numbers(
-        path, ("yaw", "pitch", "roll", "x", "y", "z"), "extrinsic"
-    )
+    extrinsic = read_numbers(path, ("yaw", "pitch", "roll", "x", "y", "z"), "extrinsic")
     rotation = Rotation.from_euler("ZYX", extrinsic[:3]).as_matrix()
     camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, *SIZE_PX))
     return camera, se3.compose(rotation @ CAMERA_AXES, extrinsic[3:])
 
 
-def read_numbers(
-    path: Path, names: tuple[str, ...], section: str | None = None
-) -> FloatArray:
+def read_numbers(path: Path, names: tuple[str, ...], section: str | None = None) -> FloatArray:
     """Read numbers of a JSON file, or of a section of it, by name; BadData without them."""
     table = files.read_json(path)
     expected = "expected " + ", ".join(names)

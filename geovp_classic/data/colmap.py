@@ -90,9 +90,7 @@ def _read_model(model: Path) -> Registered:
     _check_counts(model / "points3D.bin", 43, False, 8, 8)
     _check_counts(model / "frames.bin", 64, False, 4, 16)
     registered: Registered = {}
-    advice = (
-        "give cameras, images and points3D of one, or rerun COLMAP's mapper"
-    )
+    advice = "give cameras, images and points3D of one, or rerun COLMAP's mapper"
     with files.checked(f"{model} is not a COLMAP model", advice):
         reconstruction = pycolmap.Reconstruction(str(model))
         for image in reconstruction.images.values():
@@ -134,6 +132,4 @@ def _check_counts(
         if end > len(content):
             break
     if end != len(content):
-        raise BadData(
-            f"{path} has {len(content)} bytes, not as its counts say: rerun COLMAP"
-        )
+        raise BadData(f"{path} has {len(content)} bytes, not as its counts say: rerun COLMAP")

@@ -24,9 +24,7 @@ from geovp_classic.types import FloatArray
 class Examination:
     """The contents of a root, and its findings."""
 
-    rows: tuple[
-        dict[str, str], ...
-    ]  # a table row for every sequence, by column
+    rows: tuple[dict[str, str], ...]  # a table row for every sequence, by column
     findings: tuple[Finding, ...]  # sequence by sequence
     usable_splits: tuple[str, ...]  # the named splits whose frames are all here
 
@@ -62,9 +60,7 @@ class Doctor:
         _, dataset = layouts.detect(root)
         folders = dataset.folders()
         if not folders:
-            raise BadData(
-                f"{root} holds no sequence: give a folder with sequences in it"
-            )
+            raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
         rows = []
         all_findings: list[Finding] = []
         num_frames = {}
@@ -79,9 +75,7 @@ class Doctor:
             row["warnings"] = str(severities.count("warning"))
             rows.append({"sequence": name, **row})
             num_frames[name] = min(len(scan.images) for scan in scans.values())
-        return Examination(
-            tuple(rows), tuple(all_findings), _usable_splits(num_frames)
-        )
+        return Examination(tuple(rows), tuple(all_findings), _usable_splits(num_frames))
 
     def _examine(
         self,
@@ -96,17 +90,13 @@ class Doctor:
         """
         first = next(iter(scans.values()))
         is_readable = not findings
-        frames = [
-            f"{camera}: {len(scan.images)}" for camera, scan in scans.items()
-        ]
+        frames = [f"{camera}: {len(scan.images)}" for camera, scan in scans.items()]
         sizes_px: set[Size] = set()
         focals = set()
         for scan in scans.values():
             camera_sizes_px = _image_sizes(scan, findings, deep)
             sizes_px |= camera_sizes_px
-            focals.add(
-                self._examine_cameras(folder, scan, camera_sizes_px, findings)
-            )
+            focals.add(self._examine_cameras(folder, scan, camera_sizes_px, findings))
         times_s = first.times_s[np.isfinite(first.times_s)]
         usual_s = np.nan
         if len(times_s) > 1:
@@ -124,12 +114,8 @@ class Doctor:
             "calibrated": ", ".join(sorted(focals)),
             "times": str(len(times_s)),
             "duration_s": f"{np.ptp(times_s) if len(times_s) else 0:.1f}",
-            "poses": "none"
-            if first.world_from_cam is None
-            else str(len(first.posed)),
-            "length_m": self._examine_poses(
-                folder, first, findings, is_readable
-            ),
+            "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
+            "length_m": self._examine_poses(folder, first, findings, is_readable),
         }
 
     def _examine_cameras(
@@ -149,10 +135,7 @@ class Doctor:
             view = common_pinhole(scan.cameras, folder)
             right = view.cx_px / view.width_px
             down = view.cy_px / view.height_px
-            if (
-                max(abs(right - 0.5), abs(down - 0.5))
-                > self.max_off_centre_ratio
-            ):
+            if max(abs(right - 0.5), abs(down - 0.5)) > self.max_off_centre_ratio:
                 findings.add(
                     folder,
                     f"has the principal point at {right:.0%} of the width, {down:.0%} of the "
@@ -256,8 +239,7 @@ def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
         name
         for name in splits.names()
         if all(
-            num_frames.get(frames.sequence, 0)
-            >= (frames.last or frames.first + 1)
+            num_frames.get(frames.sequence, 0) >= (frames.last or frames.first + 1)
             for frames in splits.load(name)
         )
     )

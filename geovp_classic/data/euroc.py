@@ -46,9 +46,7 @@ class Euroc(PosedSequences):
         if not cam.is_dir():
             present = ", ".join(sorted(path.name for path in mav0.glob("cam?")))
             findings.add(cam, f"does not exist: mav0 has {present}")
-        stamps_ns, images = read_list(
-            cam / "data.csv", cam / "data", findings, ","
-        )
+        stamps_ns, images = read_list(cam / "data.csv", cam / "data", findings, ",")
         start_ns = stamps_ns[0] if images else 0.0
         times_s = (stamps_ns - start_ns) / 1e9
         sensor = cam / "sensor.yaml"
@@ -74,6 +72,4 @@ def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
         lens = calibration_files.camera_of_yaml(table)
         numbers = calibration_files.matrix_data(table["T_BS"])
         body_from_cam = np.reshape(numbers, (4, 4)).astype(np.float64)
-        return lens, se3.orthonormalised(
-            body_from_cam, pose_files.ROTATION_TOLERANCE
-        )
+        return lens, se3.orthonormalised(body_from_cam, pose_files.ROTATION_TOLERANCE)

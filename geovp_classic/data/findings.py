@@ -61,9 +61,7 @@ class Findings(list[Finding]):
         except BadFile as problem:
             self.append(problem.finding)
         except BadData as problem:
-            self.add(
-                path, str(problem).removeprefix(str(path)).lstrip(": "), line
-            )
+            self.add(path, str(problem).removeprefix(str(path)).lstrip(": "), line)
 
     def lines(self, path: Path) -> list[tuple[int, str]]:
         """Read the numbers, from 1, and texts of the lines that hold more than a comment (#)."""
@@ -71,9 +69,7 @@ class Findings(list[Finding]):
         with self.catch(path):
             if not path.exists():
                 raise BadData("does not exist")
-            for number, line in enumerate(
-                files.read_text(path).splitlines(), 1
-            ):
+            for number, line in enumerate(files.read_text(path).splitlines(), 1):
                 if text := line.partition("#")[0].strip():
                     lines.append((number, text))
             if not lines:

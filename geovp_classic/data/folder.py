@@ -49,13 +49,9 @@ class Folder(SequenceDataset):
         object.__setattr__(self, "path", Path(self.path))  # scripts give text
         rate_hz = self.frame_rate_hz
         if rate_hz is not None and not 0.02 <= rate_hz < np.inf:
-            raise BadData(
-                f"frame_rate_hz is {rate_hz}, expected a number of at least 0.02"
-            )
+            raise BadData(f"frame_rate_hz is {rate_hz}, expected a number of at least 0.02")
         if rate_hz is not None and self.times is not None:
-            raise BadData(
-                "both frame_rate_hz and times are given: keep one of them"
-            )
+            raise BadData("both frame_rate_hz and times are given: keep one of them")
         self._check()
 
     @property
@@ -118,9 +114,5 @@ class Folder(SequenceDataset):
             elif times_s is not None and len(trajectory) == len(times_s):
                 trajectory = replace(trajectory, times_s=times_s)
         if times_s is None:
-            raise BadData(
-                f"{name} does not state its frame rate: give frame_rate_hz"
-            )
-        return Recording(
-            name, reader, times_s, camera, trajectory, self.camera_height_m
-        )
+            raise BadData(f"{name} does not state its frame rate: give frame_rate_hz")
+        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)

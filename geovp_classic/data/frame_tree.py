@@ -41,9 +41,7 @@ class Link:
 class FrameTree(dict[str, Link]):
     """The link of each frame to its parent."""
 
-    def add(
-        self, parent: str, child: str, time_s: float, pose: FloatArray
-    ) -> None:
+    def add(self, parent: str, child: str, time_s: float, pose: FloatArray) -> None:
         """Add parent_from_child [4, 4] at a time; a frame keeps its first parent."""
         link = self.setdefault(child, Link(parent))
         if link.parent == parent:

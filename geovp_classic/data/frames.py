@@ -54,9 +54,7 @@ def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
         return image
 
 
-def read_image(
-    path: Path, bits: int | None = None, content: bytes | None = None
-) -> ByteArray:
+def read_image(path: Path, bits: int | None = None, content: bytes | None = None) -> ByteArray:
     """Return the RGB image [H, W, 3] of a file or of its content, grey ones with equal channels.
 
     `bits` is the number of used bits of an image with 16 bits per channel, of which the upper 8
@@ -227,10 +225,7 @@ def image_files(folder: Path) -> list[Path]:
 def natural_order(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts file names with numbers in them counted as numbers."""
     pieces = re.findall(r"\d+|\D", path.name)
-    return [
-        (int(piece), "") if piece.isdecimal() else (-1, piece)
-        for piece in pieces
-    ]
+    return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in pieces]
 
 
 def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:
@@ -238,15 +233,11 @@ def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:
     images: dict[int, Path] = {}
     for path in sorted(folder.glob("[!.]*")):
         if not is_image(path) or not path.stem.isdecimal():
-            findings.add(
-                path, "is not a numbered image: ignored", severity="note"
-            )
+            findings.add(path, "is not a numbered image: ignored", severity="note")
             continue
         first = images.setdefault(int(path.stem), path)
         if first != path:
-            findings.add(
-                path, f"has the same number as {first.name}: keep one of them"
-            )
+            findings.add(path, f"has the same number as {first.name}: keep one of them")
     missing = set(range(len(images))) - images.keys()
     if not images:
         findings.add(

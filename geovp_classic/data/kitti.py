@@ -67,9 +67,7 @@ class Kitti(PosedSequences):
             )
         return {path.name: path for path in sorted(folder.glob("[!.]*/"))}
 
-    def scan(
-        self, folder: Path, findings: Findings, camera: int | None = None
-    ) -> Scan:
+    def scan(self, folder: Path, findings: Findings, camera: int | None = None) -> Scan:
         """Scan a sequence with one of its cameras, by default the one that it shows.
 
         `folder` is root/sequences/NN; the poses are root/poses/NN.txt, if there are any.
@@ -82,9 +80,7 @@ class Kitti(PosedSequences):
         poses = None
         if path.exists():
             poses = per_frame(pose_files.read_kitti, path, images, findings)
-        return rectified(
-            images, folder / "calib.txt", f"P{camera}", times_s, poses, findings
-        )
+        return rectified(images, folder / "calib.txt", f"P{camera}", times_s, poses, findings)
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence with each of its cameras."""
@@ -96,14 +92,10 @@ class Kitti(PosedSequences):
     def _cameras(self, folder: Path) -> list[int]:
         """Return the cameras of a sequence that have a folder, first the one that it shows."""
         cameras = [
-            camera
-            for camera in KITTI_CAMERAS
-            if (folder / f"{self.prefix}{camera}").is_dir()
+            camera for camera in KITTI_CAMERAS if (folder / f"{self.prefix}{camera}").is_dir()
         ]
         if self.camera not in (None, *cameras):
-            raise BadData(
-                f"{folder} has no {self.prefix}{self.camera}: give a camera of {cameras}"
-            )
+            raise BadData(f"{folder} has no {self.prefix}{self.camera}: give a camera of {cameras}")
         cameras.sort(key=lambda camera: camera != self.camera)
         return cameras or [KITTI_CAMERAS[0]]
 
@@ -136,9 +128,7 @@ def per_frame(
     if len(values) == count:
         return values
     if len(values):
-        findings.add(
-            path, f"{len(values)} rows for {count} frames, expected one each"
-        )
+        findings.add(path, f"{len(values)} rows for {count} frames, expected one each")
     return np.full((count, *values.shape[1:]), np.nan)
 
 

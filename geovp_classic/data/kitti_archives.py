@@ -20,9 +20,7 @@ class Archive(NamedTuple):
 
 COLUMNS = ["archive", "size", "belongs in", "needed for"]
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-ODOMETRY = {
-    content: Archive(*fields) for content, fields in TABLES["odometry"].items()
-}
+ODOMETRY = {content: Archive(*fields) for content, fields in TABLES["odometry"].items()}
 
 
 def missing_odometry(
@@ -42,9 +40,7 @@ def missing_odometry(
         poses = [["poses"]] if sequence < "11" else []
         for contents in [["calibration"], *poses, images]:
             archives = [ODOMETRY[content] for content in contents]
-            paths = [
-                each.belongs_in.replace("NN", sequence) for each in archives
-            ]
+            paths = [each.belongs_in.replace("NN", sequence) for each in archives]
             if not any((root / path).exists() for path in paths):
                 missing |= dict.fromkeys(archives)
     return list(missing)

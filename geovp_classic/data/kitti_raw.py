@@ -41,9 +41,7 @@ class KittiRaw(Kitti):
 
     def folders(self) -> dict[str, Path]:
         """Return the drives of the root by name; BadData if it is not KITTI raw."""
-        if not any(
-            self.root.glob("[0-9][0-9][0-9][0-9]_[0-9][0-9]_[0-9][0-9]")
-        ):
+        if not any(self.root.glob("[0-9][0-9][0-9][0-9]_[0-9][0-9]_[0-9][0-9]")):
             raise BadData(
                 f"{self.root} holds no folder such as 2011_09_26: give the folder of KITTI raw's "
                 "dates"
@@ -51,9 +49,7 @@ class KittiRaw(Kitti):
         drives = sorted(self.root.glob("????_??_??/*_drive_*_sync/"))
         return {path.name.removesuffix("_sync"): path for path in drives}
 
-    def scan(
-        self, folder: Path, findings: Findings, camera: int | None = None
-    ) -> Scan:
+    def scan(self, folder: Path, findings: Findings, camera: int | None = None) -> Scan:
         """Scan a drive with one of its cameras, by default the one that it shows.
 
         `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies next to it.
@@ -67,9 +63,7 @@ class KittiRaw(Kitti):
         if (folder / "oxts").is_dir():
             poses = _read_poses(folder, len(images), findings)
         name = f"P_rect_0{camera}"
-        scan = kitti.rectified(
-            images, calibration, name, times_s, poses, findings
-        )
+        scan = kitti.rectified(images, calibration, name, times_s, poses, findings)
         with findings.catch(calibration):
             size_px = read_entry(calibration, f"S_rect_0{camera}", 2)
             stored_px = scan.cameras[0].size_px if scan.cameras else size_px
@@ -88,18 +82,14 @@ def read_timestamps(path: Path, findings: Findings) -> FloatArray:
         with contextlib.suppress(ValueError):
             if re.fullmatch(r"[\d-]+ [\d:.]+", text):
                 return np.datetime64(text, "ns"), None
-        raise BadData(
-            f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
-        )
+        raise BadData(f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445")
 
     stamps, _ = findings.parse(path, parse_line, (np.datetime64("NaT"), None))
     times = np.array(stamps, "datetime64[ns]")
     return (times - times[:1]) / np.timedelta64(1, "s")
 
 
-def _read_poses(
-    folder: Path, num_frames: int, findings: Findings
-) -> FloatArray | None:
+def _read_poses(folder: Path, num_frames: int, findings: Findings) -> FloatArray | None:
     """Read world_from_cam0 [N, 4, 4]; None with a finding.
 
     The calibration states velo_from_imu, cam_from_velo and the rotation of the rectification. A
@@ -113,9 +103,7 @@ def _read_poses(
         with findings.catch(path, line=1):
             reading = read_entry(path, "", 30)
             if abs(reading[0]) >= 90:
-                raise BadData(
-                    f"latitude {reading[0]:g}, expected -90 to 90 degrees"
-                )
+                raise BadData(f"latitude {reading[0]:g}, expected -90 to 90 degrees")
             readings.append(reading)
     with findings.catch(date):
         cam0_from_imu: FloatArray = np.eye(4)
@@ -128,9 +116,7 @@ def _read_poses(
             rotation = read_entry(path, turn, 9).reshape(3, 3)
             shift = read_entry(path, "T", 3) if turn == "R" else np.zeros(3)
             cam0_from_imu = se3.compose(rotation, shift) @ cam0_from_imu
-        cam0_from_imu = se3.orthonormalised(
-            cam0_from_imu, pose_files.ROTATION_TOLERANCE
-        )
+        cam0_from_imu = se3.orthonormalised(cam0_from_imu, pose_files.ROTATION_TOLERANCE)
         if readings and len(readings) == num_frames:
             imu_from_cam0 = se3.inverse(cam0_from_imu)
             return mercator_poses(np.array(readings)) @ imu_from_cam0

@@ -29,9 +29,7 @@ def read_kitti(path: Path, findings: Findings = RAISE) -> FloatArray:
     return _read(path, (12, 13), _pose_of_matrix, findings)[1]
 
 
-def read_tum(
-    path: Path, findings: Findings = RAISE
-) -> tuple[FloatArray, FloatArray]:
+def read_tum(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatArray]:
     """Read times in seconds [N] and world_from_cam [N, 4, 4]."""
     return _read(path, (8,), pose_of_quaternion, findings)
 
@@ -78,9 +76,7 @@ def read_trajectory(
         return Trajectory(world_from_cam, times_s, is_metric)
     world_from_cam = read_kitti(path)
     if times_s is None:
-        raise BadData(
-            f"{path} is in KITTI's format, which has no times: give those of all frames"
-        )
+        raise BadData(f"{path} is in KITTI's format, which has no times: give those of all frames")
     if len(times_s) != len(world_from_cam):
         raise BadData(
             f"{path}: {len(world_from_cam)} poses for {len(times_s)} frames, expected one each"
@@ -97,9 +93,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Write one line `t x y z qx qy qz qw` per pose, exact to rounding, atomically."""
     world_from_cam = trajectory.world_from_cam
     quaternions = Rotation.from_matrix(world_from_cam[:, :3, :3]).as_quat()
-    rows = np.column_stack(
-        [trajectory.times_s, world_from_cam[:, :3, 3], quaternions]
-    )
+    rows = np.column_stack([trajectory.times_s, world_from_cam[:, :3, 3], quaternions])
     _write(path, rows, "t_s x y z qx qy qz qw")
 
 
@@ -114,9 +108,7 @@ def write_both(folder: Path, stem: str, trajectory: Trajectory) -> list[Path]:
 def _read(
     path: Path,
     counts: tuple[int, ...],
-    pose_of: Callable[
-        [FloatArray], FloatArray
-    ],  # [K] -> [4, 4]; BadData for a bad line
+    pose_of: Callable[[FloatArray], FloatArray],  # [K] -> [4, 4]; BadData for a bad line
     findings: Findings,
     separator: str | None = None,
 ) -> tuple[FloatArray, FloatArray]:
@@ -153,9 +145,7 @@ def pose_of_quaternion(numbers: FloatArray) -> FloatArray:
     length = np.linalg.norm(numbers[4:])
     if not abs(length - 1) <= ROTATION_TOLERANCE:  # NaN, too
         raise BadData(f"the quaternion has length {length:.4g}, expected 1")
-    return se3.compose(
-        Rotation.from_quat(numbers[4:]).as_matrix(), numbers[1:4]
-    )
+    return se3.compose(Rotation.from_quat(numbers[4:]).as_matrix(), numbers[1:4])
 
 
 def _write(path: Path, rows: FloatArray, header: str = "") -> None:

@@ -36,9 +36,7 @@ class RosBag(PosedSequences):
     pose_topic: str | None = None
     body_frame: str | None = None
     intrinsics: tuple[float, float, float, float] | None = None
-    max_gap_s: float = (
-        0.25  # odometry comes at 10 to 50 Hz, and may lack a message
-    )
+    max_gap_s: float = 0.25  # odometry comes at 10 to 50 Hz, and may lack a message
 
     def folders(self) -> dict[str, Path]:
         """Return the bags by name; BadData if there are none."""
@@ -50,14 +48,9 @@ class RosBag(PosedSequences):
         topics: list[str] = []
         with findings.catch(folder):
             topics = Bag(folder).topics("image")
-        return {
-            topic: self.scan(folder, findings, topic)
-            for topic in topics or [""]
-        }
+        return {topic: self.scan(folder, findings, topic) for topic in topics or [""]}
 
-    def scan(
-        self, folder: Path, findings: Findings, image_topic: str = ""
-    ) -> Scan:
+    def scan(self, folder: Path, findings: Findings, image_topic: str = "") -> Scan:
         """Scan a bag with one of its image topics, by default that of the settings."""
         scan = Scan((), np.empty(0))
         with findings.catch(folder):
@@ -106,7 +99,5 @@ class RosBag(PosedSequences):
             return None
         world_from_cam = np.eye(4)
         for link in links:
-            world_from_cam = (
-                link.at(images.times_s, self.max_gap_s) @ world_from_cam
-            )
+            world_from_cam = link.at(images.times_s, self.max_gap_s) @ world_from_cam
         return world_from_cam

@@ -98,9 +98,7 @@ def sequence_folders(
     """
     if is_sequence(root):
         return {root.resolve().name: root}
-    folders = {
-        path.name: path for path in sorted(root.glob("*")) if is_sequence(path)
-    }
+    folders = {path.name: path for path in sorted(root.glob("*")) if is_sequence(path)}
     if not folders:
         raise BadData(
             f"{root} does not exist or holds no sequence: give {expected}, or a folder of several"
@@ -180,9 +178,7 @@ class SequenceDataset(ABC):
                 f"num_frames is {self.num_frames}, stride is {self.stride}: expected 2 or more, to "
                 "observe and to predict, and 1 or more between the starts of clips"
             )
-        if min(self.size_px) < 1 or (
-            self.fit == "crop" and width_px != height_px
-        ):
+        if min(self.size_px) < 1 or (self.fit == "crop" and width_px != height_px):
             raise BadData(
                 f"size_px is {list(self.size_px)}, expected a square: frames are cropped to one "
                 "and then resized"
@@ -190,9 +186,7 @@ class SequenceDataset(ABC):
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
             if count > 1:
-                raise BadData(
-                    f"clip {name} is named twice: give ranges that do not overlap"
-                )
+                raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone, so that a copy in another process reads its own files."""
@@ -209,9 +203,7 @@ class SequenceDataset(ABC):
         for frame_range in self._named_ranges():
             recording = self.recordings[frame_range.sequence]
             complete = frame_range.within(len(recording.frames))
-            ranges += windows.pieces(
-                complete, recording.breaks, self.num_frames
-            )
+            ranges += windows.pieces(complete, recording.breaks, self.num_frames)
         return tuple(ranges)
 
     @property
@@ -241,9 +233,7 @@ class SequenceDataset(ABC):
             name = frame_range.sequence
             if name not in self._folders:
                 names = ", ".join(self._folders) or "none"
-                raise BadData(
-                    f"there is no sequence {name!r}: name one of {names}"
-                )
+                raise BadData(f"there is no sequence {name!r}: name one of {names}")
             if name not in recordings:
                 recordings[name] = self._read(name, self._folders[name])
         return recordings
@@ -276,9 +266,7 @@ class SequenceDataset(ABC):
             ranges = map(FrameRange.parse, self.sequences)
         if named := tuple(ranges):
             return named
-        raise BadData(
-            "no sequence is named: name some that the data set's folder holds"
-        )
+        raise BadData("no sequence is named: name some that the data set's folder holds")
 
     @cached_property
     def _folders(self) -> dict[str, Path]:
@@ -300,9 +288,7 @@ class PosedSequences(SequenceDataset):
     Frames are counted among those with a pose.
     """
 
-    patterns: ClassVar[
-        tuple[str, ...]
-    ]  # of files that the folder of a sequence holds
+    patterns: ClassVar[tuple[str, ...]]  # of files that the folder of a sequence holds
 
     root: Path
     _: KW_ONLY
@@ -317,9 +303,7 @@ class PosedSequences(SequenceDataset):
         def is_sequence(folder: Path) -> bool:
             return any(any(folder.glob(pattern)) for pattern in self.patterns)
 
-        return sequence_folders(
-            self.root, is_sequence, f"a folder with {self.patterns[0]}"
-        )
+        return sequence_folders(self.root, is_sequence, f"a folder with {self.patterns[0]}")
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
         """Scan a sequence by the names of its cameras, "" for one."""
@@ -336,9 +320,7 @@ class PosedSequences(SequenceDataset):
         """Return a scanned sequence for clips, without the images that lack a pose."""
         numbers = scan.posed
         if not scan.cameras:
-            raise BadData(
-                f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]"
-            )
+            raise BadData(f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]")
         if not len(numbers):
             raise BadData(
                 f"{folder}: none of {len(scan.images)} images has a pose: give images and poses "

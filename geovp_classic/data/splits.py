@@ -29,9 +29,7 @@ def load(name: str) -> tuple[FrameRange, ...]:
         message = f"no split is called {name!r}{nearest(name, names())}"
         raise BadData(f"{message} (or give a .toml file)")
     text = files.read_text(path)
-    expected = (
-        'expected ranges = ["06", "03[180:360)"] and perhaps about = "..."'
-    )
+    expected = 'expected ranges = ["06", "03[180:360)"] and perhaps about = "..."'
     with files.checked(f"{path} is not a list of frame ranges", expected):
         table = tomllib.loads(text)
         if not table["ranges"] or table.keys() - {"ranges", "about"}:

@@ -26,9 +26,7 @@ from geovp_classic.types import Intrinsics
 
 Numbers = tuple[float, float, float, float]
 Distortion = tuple[float, float, float, float, float]
-CAMERAS = tomllib.loads(
-    Path(__file__).with_name("tum_cameras.toml").read_text()
-)
+CAMERAS = tomllib.loads(Path(__file__).with_name("tum_cameras.toml").read_text())
 
 
 @dataclass(frozen=True)

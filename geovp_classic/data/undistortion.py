@@ -29,9 +29,7 @@ class DistortedCamera:
 
     pinhole: Intrinsics  # without the distortion
     model: str = "PINHOLE"
-    distortion: tuple[
-        float, ...
-    ] = ()  # parameters after focal lengths and principal point
+    distortion: tuple[float, ...] = ()  # parameters after focal lengths and principal point
 
     def __post_init__(self) -> None:
         counts = {"FULL_OPENCV": (0, 2, 4, 5, 8), "OPENCV_FISHEYE": (0, 4)}
@@ -86,9 +84,7 @@ class DistortedCamera:
         return bent * [view.fx_px, view.fy_px] + [view.cx_px, view.cy_px]
 
 
-def common_pinhole(
-    cameras: Iterable[DistortedCamera], source: Path
-) -> Intrinsics:
+def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsics:
     """Return the first camera without distortion, zoomed in until all cameras see all its pixels.
 
     BadData naming `source` if that takes more than a zoom of 2.
@@ -96,9 +92,7 @@ def common_pinhole(
     distinct = list(dict.fromkeys(cameras))
     first = distinct[0].pinhole
     for zoom in np.geomspace(1.0, 2.0, 71).tolist():  # 1 % apart
-        view = replace(
-            first, fx_px=first.fx_px * zoom, fy_px=first.fy_px * zoom
-        )
+        view = replace(first, fx_px=first.fx_px * zoom, fy_px=first.fy_px * zoom)
         rays = pinhole.rays(view)
         border = np.concatenate([rays[0], rays[-1], rays[:, 0], rays[:, -1]])
         if all(camera.sees(border) for camera in distinct):
@@ -143,6 +137,4 @@ class UndistortedFrames:
         if pixels is None:
             return image
         border = cv2.BORDER_REPLICATE
-        return cv2.remap(
-            image, pixels, None, self.interpolation, borderMode=border
-        )
+        return cv2.remap(image, pixels, None, self.interpolation, borderMode=border)

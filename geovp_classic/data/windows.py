@@ -35,9 +35,7 @@ class FrameRange:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Parse "03" or "03[180:360)"."""
-        match = re.fullmatch(
-            r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip()
-        )
+        match = re.fullmatch(r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip())
         if match is None:
             raise BadData(f"{text!r} is not a range of frames, {EXPECTED}")
         if match[2] is None:
@@ -105,9 +103,7 @@ class Recording:
                     f"{name}: {len(values)} {what} for {len(self.frames)} frames, expected one each"
                 )
         camera = self.intrinsics
-        ratios = np.divide(
-            [camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px)
-        )
+        ratios = np.divide([camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px))
         # fields of view from 169 to half a degree
         is_plausible = ratios.min() > 0.05 and ratios.max() < 100
         is_plausible &= -0.5 <= camera.cx_px <= camera.width_px - 0.5
@@ -119,18 +115,14 @@ class Recording:
             )
         height_m = self.camera_height_m
         if height_m is not None and not 0 < height_m < 1e4:
-            raise BadData(
-                f"{name}: camera_height_m is {height_m}, expected 0 to 10000 m"
-            )
+            raise BadData(f"{name}: camera_height_m is {height_m}, expected 0 to 10000 m")
         if len(self.times_s) > 1 and not np.median(np.diff(self.times_s)) < 60:
             raise BadData(
                 f"{name}: half of the times are a minute or more apart: give times in seconds"
             )
 
 
-def pieces(
-    frames: FrameRange, breaks: Iterable[int], num_frames: int
-) -> list[FrameRange]:
+def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[FrameRange]:
     """Cut a range, its end spelled out, at breaks.
 
     Return the pieces that hold a clip of `num_frames`; BadData if none does.
@@ -197,9 +189,7 @@ def cut(
         # A mean over an edge would be on no surface.
         nearest = {"interpolation": cv2.INTER_NEAREST_EXACT}
         maps = read(recording.depths)[:, *window].astype(np.float32)
-        depths = np.stack(
-            [cv2.resize(depth, size_px, **nearest) for depth in maps]
-        )
+        depths = np.stack([cv2.resize(depth, size_px, **nearest) for depth in maps])
     return Clip(
         clip_name(recording.name, first),
         np.stack([resize(image[window], size_px) for image in native]),

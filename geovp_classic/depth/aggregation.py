@@ -59,11 +59,7 @@ class SemiGlobalAggregation:
         for du, dv in DIRECTIONS:
             neighbour = np.roll(grey, (-dv, -du), axis=(0, 1))
             edge = np.abs(grey - neighbour) / self.edge_contrast
-            costs.append(
-                np.maximum(
-                    self.large_step_cost / (1 + edge), self.small_step_cost
-                )
-            )
+            costs.append(np.maximum(self.large_step_cost / (1 + edge), self.small_step_cost))
         return np.rint(costs).astype(np.int16)
 
 
@@ -171,12 +167,7 @@ def _follow(
             right = this_row[2, j]
             total = sums[row, column]
             for n in range(num_planes):
-                path_sum = (
-                    horizontal[n + 1]
-                    + left[n + 1]
-                    + vertical[n + 1]
-                    + right[n + 1]
-                )
+                path_sum = horizontal[n + 1] + left[n + 1] + vertical[n + 1] + right[n + 1]
                 total[n] = np.uint16(path_sum)
 
 

@@ -23,9 +23,7 @@ from geovp_classic.types import (
 DepthValues = Literal["depth", "inverse-depth", "disparity"]
 
 
-def inverse_of(
-    values: FloatArray, kind: DepthValues, unit: float = 1.0
-) -> FloatArray:
+def inverse_of(values: FloatArray, kind: DepthValues, unit: float = 1.0) -> FloatArray:
     """Return inverse depth of the same shape, float32.
 
     `unit` is that of a value: metres, or 1/m of inverse depth and disparities. Negative values and
@@ -89,9 +87,7 @@ class DepthAlignment:
         for step in range(len(relative)):
             is_known = np.isfinite(relative[step])
             is_fitted = is_known & (reliability[step] >= self.min_confidence)
-            fitted = self.fit(
-                relative[step][is_fitted], reference[step][is_fitted]
-            )
+            fitted = self.fit(relative[step][is_fitted], reference[step][is_fitted])
             if fitted is not None:
                 scale, shift = fitted
                 aligned = np.maximum(scale * relative[step] + shift, 0)
@@ -115,18 +111,14 @@ class DepthAlignment:
         centre = float(relative.mean())
         spread = float(relative.std())
         normalised = (relative - centre) / spread
-        jacobian = np.stack(
-            [normalised, np.ones(len(relative))], axis=1
-        ).astype(np.float64)
+        jacobian = np.stack([normalised, np.ones(len(relative))], axis=1).astype(np.float64)
         target = reference / unit
 
         def linearise(state: FloatArray) -> tuple[FloatArray, FloatArray]:
             return jacobian @ state - target, jacobian
 
         def noise(residual: FloatArray) -> float:
-            return max(
-                1.4826 * float(np.median(np.abs(residual))), self.min_noise
-            )
+            return max(1.4826 * float(np.median(np.abs(residual))), self.min_noise)
 
         start = np.linalg.lstsq(jacobian, target, rcond=None)[0]
         slope, level = irls(start, linearise, np.add, noise, num_rounds=20)

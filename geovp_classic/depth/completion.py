@@ -17,9 +17,7 @@ def find_islands(
     """Mask islands [H, W] of depth that cover at most a fraction of the image."""
     sixteenths = np.round(16 * levels).astype(np.int16)
     max_pixels = int(max_fraction * levels.size)
-    marked, _ = cv2.filterSpeckles(
-        sixteenths, -1, max_pixels, int(16 * max_step)
-    )
+    marked, _ = cv2.filterSpeckles(sixteenths, -1, max_pixels, int(16 * max_step))
     return np.asarray(marked) == -1
 
 

@@ -14,9 +14,7 @@ class Given:
 
     needs = PrivilegedInput.PAST_DEPTHS
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is
         recorded, 0 where it is unknown.
 

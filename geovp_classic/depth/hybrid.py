@@ -33,28 +33,18 @@ class Hybrid:
         """Return the inputs of both sources."""
         return self.other.needs | self.sweep.needs
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth and confidence [P, H, W]; raise the errors of both sources."""
-        sweep, reliability = self.sweep.inverse_depths(
-            context.only(self.sweep.needs), past
-        )
-        other, confidence = self.other.inverse_depths(
-            context.only(self.other.needs), past
-        )
+        sweep, reliability = self.sweep.inverse_depths(context.only(self.sweep.needs), past)
+        other, confidence = self.other.inverse_depths(context.only(self.other.needs), past)
         if self.correction_px > 0:
-            other = np.maximum(
-                other + self._correction(sweep - other, reliability), 0
-            )
+            other = np.maximum(other + self._correction(sweep - other, reliability), 0)
         weight = np.clip(reliability / self.sufficient_confidence, 0, 1)
         weight = np.where(confidence > 0, weight, 1)
         blended = weight * sweep + (1 - weight) * other
         return blended.astype(np.float32), np.maximum(reliability, confidence)
 
-    def _correction(
-        self, difference: FloatArray, reliability: FloatArray
-    ) -> FloatArray:
+    def _correction(self, difference: FloatArray, reliability: FloatArray) -> FloatArray:
         """Return the mean difference [P, H, W] around each pixel, weighted by reliability."""
         corrections = np.zeros_like(difference)
         for step in np.flatnonzero(reliability.any(axis=(1, 2))):

@@ -81,9 +81,7 @@ class WindowCorrelation:
                 planes,
             )
             # OpenCV transposes in blocks, ten times as fast as NumPy.
-            cv2.transpose(
-                planes.reshape(num_planes, -1), rows.reshape(-1, num_planes)
-            )
+            cv2.transpose(planes.reshape(num_planes, -1), rows.reshape(-1, num_planes))
 
         parallel_map(match, range(0, height, ROWS_PER_TASK))
         return costs
@@ -95,15 +93,11 @@ class WindowCorrelation:
         """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
         unseen = self.unseen_cost + self._near_costs(costs.shape[-1])
         outermost = [0, -1]
-        return np.asarray(
-            (costs[..., outermost] != unseen[outermost]).any(axis=-1)
-        )
+        return np.asarray((costs[..., outermost] != unseen[outermost]).any(axis=-1))
 
     def _near_costs(self, num_planes: int) -> CostArray:
         """Return the extra costs [N] of the planes."""
-        return (
-            self.max_near_cost * np.arange(num_planes) // num_planes
-        ).astype(np.uint8)
+        return (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
 
     def _windows(self, reference: ByteArray) -> FloatArray:
         """Return grey values, window means and inverse standard deviations [3, H, W]."""
@@ -111,9 +105,7 @@ class WindowCorrelation:
         window = (WINDOW_PX, WINDOW_PX)
         border = cv2.BORDER_REPLICATE
         mean = cv2.boxFilter(grey, cv2.CV_32F, window, borderType=border)
-        mean_square = cv2.sqrBoxFilter(
-            grey, cv2.CV_32F, window, borderType=border
-        )
+        mean_square = cv2.sqrBoxFilter(grey, cv2.CV_32F, window, borderType=border)
         variance = np.maximum(mean_square - mean**2, 0)
         inverse_deviation = 1 / np.sqrt(variance + self.noise_variance)
         return np.stack([grey, mean, inverse_deviation]).astype(np.float32)
@@ -306,13 +298,9 @@ def _add_scores(
             mean_product = _window_sum(products, x) / num_pixels
             variance = max(mean_square - mean * mean, zero) + noise_variance
             covariance = mean_product - mean * window_mean[row, x]
-            correlation = (
-                covariance * inverse_deviation[row, x] / np.sqrt(variance)
-            )
+            correlation = covariance * inverse_deviation[row, x] / np.sqrt(variance)
             weight = is_seen[middle, x]
-            scores[0, row, x] += weight * min(
-                max(unit - correlation, zero), unit
-            )
+            scores[0, row, x] += weight * min(max(unit - correlation, zero), unit)
             scores[1, row, x] += weight
 
 

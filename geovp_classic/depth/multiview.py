@@ -57,9 +57,7 @@ class Multiview:
                 "least one frame and at least 6 planes"
             )
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] and confidence [P, H, W], float32; 0 for other frames.
 
         Confidence is 0 where other depths fit as well. BadData for frames that were not observed.
@@ -90,13 +88,9 @@ class Multiview:
         sources = self.sources.choose(world_from_cam, step, camera)
         if not sources:
             return None
-        source_from_reference = (
-            se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
-        )
+        source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
         greys = observations.greys
-        return self._sweep(
-            greys[step], greys[sources], source_from_reference, camera
-        )
+        return self._sweep(greys[step], greys[sources], source_from_reference, camera)
 
     def _sweep(
         self,
@@ -106,32 +100,22 @@ class Multiview:
         camera: Intrinsics,
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return inverse depth and confidence [H, W] of an image; None without parallax."""
-        num_planes = round(
-            self.num_planes * max(1, camera.height_px / self.tall_px)
-        )
-        planes, step_px = self.spacing.spaced(
-            source_from_reference, camera, num_planes
-        )
+        num_planes = round(self.num_planes * max(1, camera.height_px / self.tall_px))
+        planes, step_px = self.spacing.spaced(source_from_reference, camera, num_planes)
         intrinsics = camera.matrix
         rotations = source_from_reference[:, :3, :3]
         infinity_from_pixel = intrinsics @ rotations @ np.linalg.inv(intrinsics)
         epipoles = source_from_reference[:, :3, 3] @ intrinsics.T
 
-        costs = self.matching.costs(
-            image, sources, infinity_from_pixel, epipoles, planes
-        )
+        costs = self.matching.costs(image, sources, infinity_from_pixel, epipoles, planes)
         sums = self.aggregation.aggregate(costs, image)
         levels, lead = winners(sums)
         levels = np.asarray(cv2.medianBlur(levels, 5))
         if not self.spacing.has_parallax(levels * step_px):
             return None
-        inverse_depth: FloatArray = np.interp(
-            levels, np.arange(num_planes), planes
-        )
+        inverse_depth: FloatArray = np.interp(levels, np.arange(num_planes), planes)
 
         is_wrong = find_islands(levels, self.max_speckle_fraction)
         is_certain = ~is_wrong & self.matching.is_seen(costs)
         confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
-        return fill_from_background(
-            inverse_depth, ~is_wrong
-        ), confidence.astype(np.float32)
+        return fill_from_background(inverse_depth, ~is_wrong), confidence.astype(np.float32)

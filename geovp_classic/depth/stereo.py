@@ -41,9 +41,7 @@ class Stereo:
                 "and a distance"
             )
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0
         where filled or not estimated.
 
@@ -66,35 +64,21 @@ class Stereo:
             )
         camera = context.intrinsics
         baseline_m = _baseline_m(context.right)
-        num_disparities = 16 * int(
-            np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16)
-        )
+        num_disparities = 16 * int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16))
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
         for step in self.frames:
-            right = right_at_scale(
-                context.right, step % num_past, camera, num_disparities
-            )
-            disparity_px = self._disparity_px(
-                context.frames[step], right, num_disparities
-            )
+            right = right_at_scale(context.right, step % num_past, camera, num_disparities)
+            disparity_px = self._disparity_px(context.frames[step], right, num_disparities)
             is_matched = disparity_px >= 0
-            inverse_depth = np.maximum(disparity_px, 0) / (
-                baseline_m * camera.fx_px
-            )
-            inverse_depths[step] = fill_from_background(
-                inverse_depth, is_matched
-            )
+            inverse_depth = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
+            inverse_depths[step] = fill_from_background(inverse_depth, is_matched)
             confidence[step] = is_matched
         return inverse_depths, confidence
 
-    def _disparity_px(
-        self, frame: ByteArray, right: ByteArray, num_disparities: int
-    ) -> FloatArray:
+    def _disparity_px(self, frame: ByteArray, right: ByteArray, num_disparities: int) -> FloatArray:
         """Return the disparity [H, W] in pixels of the frame, negative where nothing matched."""
-        left = np.pad(
-            frame, ((0, 0), (num_disparities, 0), (0, 0)), mode="edge"
-        )
+        left = np.pad(frame, ((0, 0), (num_disparities, 0), (0, 0)), mode="edge")
         block_size = self.block_px**2
         # OpenCV's documentation recommends these values of P1 and P2.
         matcher = cv2.StereoSGBM.create(
@@ -126,9 +110,7 @@ def right_at_scale(
     native = right.intrinsics
     width_px = max(1, round(native.width_px * camera.fx_px / native.fx_px))
     height_px = max(1, round(native.height_px * camera.fy_px / native.fy_px))
-    small = cv2.resize(
-        right.frames[step], (width_px, height_px), interpolation=cv2.INTER_AREA
-    )
+    small = cv2.resize(right.frames[step], (width_px, height_px), interpolation=cv2.INTER_AREA)
     resized = native.resized(width_px, height_px)
     scale_u = camera.fx_px / resized.fx_px  # next to 1
     scale_v = camera.fy_px / resized.fy_px
@@ -137,9 +119,7 @@ def right_at_scale(
     affine = np.array([[scale_u, 0, shift_u], [0, scale_v, shift_v]])
     size_px = (camera.width_px + left_px, camera.height_px)
     border = cv2.BORDER_REPLICATE
-    moved = cv2.warpAffine(
-        small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border
-    )
+    moved = cv2.warpAffine(small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border)
     return np.asarray(moved, np.uint8)
 
 

@@ -25,9 +25,7 @@ class SourceSelection:
         camera: Intrinsics,
     ) -> list[int]:
         """Return the steps of the sources; none where the camera did not move."""
-        source_from_reference = (
-            se3.inverse(world_from_cam) @ world_from_cam[reference]
-        )
+        source_from_reference = se3.inverse(world_from_cam) @ world_from_cam[reference]
         baselines = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
         overlaps = _overlap_fraction(source_from_reference, camera)
         is_usable = (overlaps >= self.min_overlap_fraction) & (baselines > 0)
@@ -36,9 +34,7 @@ class SourceSelection:
         sources: list[int] = []
         max_baseline = baselines[is_usable].max(initial=0)
         for halvings in range(min(self.num_sources, len(candidates))):
-            errors = np.abs(
-                np.log(baselines[candidates] * 2**halvings / max_baseline)
-            )
+            errors = np.abs(np.log(baselines[candidates] * 2**halvings / max_baseline))
             sources.append(candidates.pop(int(np.argmin(errors))))
         return sources
 
@@ -70,16 +66,12 @@ class PlaneSpacing:
         baselines = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
         nearest = source_from_reference[[int(np.argmin(baselines))]]
         fine = np.geomspace(1e-3, 1e3, 120) / baselines.max()
-        max_shift_px = self.max_shift_fraction * min(
-            camera.width_px, camera.height_px
-        )
+        max_shift_px = self.max_shift_fraction * min(camera.width_px, camera.height_px)
         is_shifted = self._parallax_px(nearest, camera, fine)[0] >= max_shift_px
         if is_shifted.any():
             fine = fine[: np.argmax(is_shifted) + 1]
         fine = np.concatenate([[0.0], fine])
-        steps_px = np.diff(
-            self._parallax_px(source_from_reference, camera, fine), axis=1
-        )
+        steps_px = np.diff(self._parallax_px(source_from_reference, camera, fine), axis=1)
         steps_px = np.maximum(steps_px.max(axis=0), 1e-9)
         parallax_px = np.concatenate([[0.0], np.cumsum(steps_px)])
         even_px = np.linspace(0, parallax_px[-1], num_planes)
@@ -90,10 +82,7 @@ class PlaneSpacing:
         parallax_px: FloatArray,  # [H, W], measured
     ) -> bool:
         """Return whether the images show that the camera moved."""
-        return bool(
-            np.quantile(parallax_px, self.typical_quantile)
-            >= self.min_parallax_px
-        )
+        return bool(np.quantile(parallax_px, self.typical_quantile) >= self.min_parallax_px)
 
     def _parallax_px(
         self,
@@ -110,21 +99,15 @@ class PlaneSpacing:
         rotations = np.swapaxes(source_from_reference[:, :3, :3], -1, -2)
         directions = (rays @ rotations)[:, None]  # [S, 1, G, 3]
         positions = source_from_reference[:, None, None, :3, 3]  # [S, 1, 1, 3]
-        points = (
-            directions + inverse_depths[:, None, None] * positions
-        )  # [S, N, G, 3]
+        points = directions + inverse_depths[:, None, None] * positions  # [S, N, G, 3]
         near_pixels, _ = pinhole.project(points, camera)
         far_pixels, _ = pinhole.project(directions, camera)
         shifts_px = np.linalg.norm(near_pixels - far_pixels, axis=-1)
         shifts_px = np.fmin(shifts_px, camera.width_px)  # NaN becomes the width
-        return np.quantile(
-            shifts_px, self.typical_quantile, axis=-1, method="nearest"
-        )
+        return np.quantile(shifts_px, self.typical_quantile, axis=-1, method="nearest")
 
 
-def _overlap_fraction(
-    source_from_reference: FloatArray, camera: Intrinsics
-) -> FloatArray:
+def _overlap_fraction(source_from_reference: FloatArray, camera: Intrinsics) -> FloatArray:
     """Return the fractions [S] of the image that the sources see of points at infinity."""
     rays = _grid_rays(camera, camera.width_px, camera.height_px)
     rotations = np.swapaxes(source_from_reference[:, :3, :3], -1, -2)
@@ -134,9 +117,7 @@ def _overlap_fraction(
     return np.asarray(is_inside.mean(axis=-1))
 
 
-def _grid_rays(
-    camera: Intrinsics, width_px: int, height_px: int, num: int = 8
-) -> FloatArray:
+def _grid_rays(camera: Intrinsics, width_px: int, height_px: int, num: int = 8) -> FloatArray:
     """Return the rays [num * num, 3] of a grid in a central window of the image."""
     steps = np.linspace(-0.5, 0.5, num)
     u = (camera.width_px - 1) / 2 + (width_px - 1) * steps

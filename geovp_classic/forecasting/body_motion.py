@@ -154,9 +154,7 @@ def over_plane(
     """Return heave, pitch and roll [F, 3] of poses [F, 4, 4] over the past motion's plane."""
     reference = past.world_from_cam[-1]
     plane = past_motion.vehicle_from_cam(past)
-    flat = planar.lift(
-        planar.reduce(world_from_cam, reference, plane), reference, plane
-    )
+    flat = planar.lift(planar.reduce(world_from_cam, reference, plane), reference, plane)
     return se3.log(se3.inverse(flat) @ world_from_cam)[:, BODY_AXES]
 
 

@@ -24,9 +24,7 @@ class Hold:
         num_samples: int = 1,
     ) -> FloatArray:
         """Return futures [S, F, 4, 4], all equal to the last pose."""
-        return np.tile(
-            past.world_from_cam[-1], (num_samples, len(times_s), 1, 1)
-        )
+        return np.tile(past.world_from_cam[-1], (num_samples, len(times_s), 1, 1))
 
 
 @dataclass(frozen=True)
@@ -35,9 +33,7 @@ class _RecentMotion(abc.ABC):
 
     def __post_init__(self) -> None:
         if self.num_steps < 1:
-            raise BadData(
-                f"num_steps is {self.num_steps}, expected 1 or more steps to average"
-            )
+            raise BadData(f"num_steps is {self.num_steps}, expected 1 or more steps to average")
 
     def forecast(
         self,
@@ -47,9 +43,7 @@ class _RecentMotion(abc.ABC):
     ) -> FloatArray:
         """Return futures [S, F, 4, 4]."""
         first = max(len(past) - 1 - self.num_steps, 0)
-        duration_s = (
-            past.times_s[-1] - past.times_s[first] or np.inf
-        )  # of a single pose
+        duration_s = past.times_s[-1] - past.times_s[first] or np.inf  # of a single pose
         ahead_s = times_s[:, None] - past.times_s[-1]
         future = self._future(past.world_from_cam[first:], duration_s, ahead_s)
         return np.tile(future, (num_samples, 1, 1, 1))
@@ -67,9 +61,7 @@ class _RecentMotion(abc.ABC):
 class ConstantVelocity(_RecentMotion):
     """Forecaster at the mean velocity of the last `num_steps` steps, without turning."""
 
-    def _future(
-        self, recent: FloatArray, duration_s: float, ahead_s: FloatArray
-    ) -> FloatArray:
+    def _future(self, recent: FloatArray, duration_s: float, ahead_s: FloatArray) -> FloatArray:
         velocity = (recent[-1, :3, 3] - recent[0, :3, 3]) / duration_s
         future = np.tile(recent[-1], (len(ahead_s), 1, 1))
         future[:, :3, 3] += ahead_s * velocity
@@ -82,8 +74,6 @@ class ConstantTurn(_RecentMotion):
     The twist per second is the mean over the last `num_steps` steps, weighted by their duration.
     """
 
-    def _future(
-        self, recent: FloatArray, duration_s: float, ahead_s: FloatArray
-    ) -> FloatArray:
+    def _future(self, recent: FloatArray, duration_s: float, ahead_s: FloatArray) -> FloatArray:
         twist_per_s = se3.log(se3.steps(recent)).sum(axis=0) / duration_s
         return recent[-1] @ se3.exp(ahead_s * twist_per_s)

@@ -20,9 +20,7 @@ from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
-Constants = Literal[
-    "turn-rate", "acceleration", "acceleration-damped"
-]  # tables of turn_rate.toml
+Constants = Literal["turn-rate", "acceleration", "acceleration-damped"]  # tables of turn_rate.toml
 Belief = tuple[FloatArray, FloatArray]  # state [n] and covariance [n, n]
 
 
@@ -85,9 +83,7 @@ class TurnRateKalman(PlanarForecaster):
         noise = self.model.measurement_noise
         measurement = np.eye(3, self.model.num_states)
         for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
-            belief = kalman.update(
-                *self.prediction(belief, dt_s), state, noise, measurement
-            )
+            belief = kalman.update(*self.prediction(belief, dt_s), state, noise, measurement)
         return belief
 
     def modes(
@@ -115,15 +111,11 @@ class TurnRateKalman(PlanarForecaster):
         if num_samples == 1:
             return self.modes(past, plane, ahead_s)[1]
         rng = np.random.default_rng(self.seed)
-        states = rng.multivariate_normal(
-            *self._present(past, plane), num_samples
-        )
+        states = rng.multivariate_normal(*self._present(past, plane), num_samples)
         path = []
         for dt_s in np.diff(ahead_s, prepend=0.0):
             covariance = self.model.process_noise(states.mean(axis=0), dt_s)
-            noise = rng.multivariate_normal(
-                np.zeros(len(covariance)), covariance, num_samples
-            )
+            noise = rng.multivariate_normal(np.zeros(len(covariance)), covariance, num_samples)
             states = self.model.transition(states, dt_s) + noise
             path.append(states[:, :3])
         return np.stack(path, axis=1)
@@ -150,9 +142,7 @@ class TurnRateUnscented(TurnRateKalman):
         dt_s: float,
     ) -> Belief:
         """Return the belief after dt, from sigma points (Wan & van der Merwe 2000)."""
-        points = kalman.MerweScaledSigmaPoints(
-            len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0
-        )
+        points = kalman.MerweScaledSigmaPoints(len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0)
         moved = self.model.transition(points.sigma_points(*belief), dt_s)
         noise = self.model.process_noise(belief[0], dt_s)
         return kalman.unscented_transform(moved, points.Wm, points.Wc, noise)

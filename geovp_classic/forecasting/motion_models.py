@@ -15,9 +15,7 @@ from geovp_classic.types import FloatArray
 class VehicleModel:
     """Constants of the motion, its process noise and the measurement noise."""
 
-    turn_damping_hz: (
-        float  # the turn rate falls by 1/e in 1 / turn_damping_hz seconds
-    )
+    turn_damping_hz: float  # the turn rate falls by 1/e in 1 / turn_damping_hz seconds
     acceleration_damping_hz: float
     lever_arm_m: float  # from the rear axle, which moves along its heading, to the camera
     slip_noise: float  # m / sqrt(s), of the position
@@ -46,13 +44,9 @@ class VehicleModel:
         """Return the state [..., n] after dt [...]."""
         dt_s = np.asarray(dt_s)
         x, z, yaw, speed, turn_rate = np.moveaxis(state[..., :5], -1, 0)
-        acceleration = (
-            state[..., 5] if state.shape[-1] == 6 else np.zeros_like(speed)
-        )
+        acceleration = state[..., 5] if state.shape[-1] == 6 else np.zeros_like(speed)
         turn, turn_rate = _decay(turn_rate, self.turn_damping_hz, dt_s)
-        gain, acceleration = _decay(
-            acceleration, self.acceleration_damping_hz, dt_s
-        )
+        gain, acceleration = _decay(acceleration, self.acceleration_damping_hz, dt_s)
         stops = speed * (speed + gain) < 0  # braking ends at rest
         end_speed = np.where(stops, 0.0, speed + gain)
         acceleration = np.where(stops, 0.0, acceleration)
@@ -63,9 +57,7 @@ class VehicleModel:
         swing_z = self.lever_arm_m * (np.cos(end_yaw) - np.cos(yaw))
         end_x = x + chord * np.sin(chord_yaw) + swing_x
         end_z = z + chord * np.cos(chord_yaw) + swing_z
-        end = np.stack(
-            [end_x, end_z, end_yaw, end_speed, turn_rate, acceleration], axis=-1
-        )
+        end = np.stack([end_x, end_z, end_yaw, end_speed, turn_rate, acceleration], axis=-1)
         return end[..., : state.shape[-1]]
 
     def jacobian(
@@ -92,13 +84,9 @@ class VehicleModel:
         within dt is neglected. Gauss-Legendre quadrature with three nodes is exact to order 5 in t.
         """
         nodes, weights = np.polynomial.legendre.leggauss(3)
-        undamped = replace(
-            self, turn_damping_hz=0.0, acceleration_damping_hz=0.0
-        )
+        undamped = replace(self, turn_damping_hz=0.0, acceleration_damping_hz=0.0)
         states = np.tile(state, (3, 1))
-        response = undamped.jacobian(
-            states, dt_s / 2 * (1 + nodes)
-        )  # [3, n, n]
+        response = undamped.jacobian(states, dt_s / 2 * (1 + nodes))  # [3, n, n]
         densities = np.array(
             [
                 self.slip_noise,
@@ -109,11 +97,7 @@ class VehicleModel:
                 self.acceleration_noise,
             ]
         )
-        covariances = (
-            response
-            * densities[: len(state)] ** 2
-            @ np.swapaxes(response, 1, 2)
-        )
+        covariances = response * densities[: len(state)] ** 2 @ np.swapaxes(response, 1, 2)
         return np.tensordot(dt_s / 2 * weights, covariances, axes=1)
 
 

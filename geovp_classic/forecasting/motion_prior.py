@@ -70,9 +70,7 @@ class MotionPrior(PlanarForecaster):
     ) -> Modes:
         """Return the mixture; raise BadData for a single past pose."""
         if len(past) == 1:
-            raise BadData(
-                "a single past pose has no predictive distribution: give at least two"
-            )
+            raise BadData("a single past pose has no predictive distribution: give at least two")
         mixture = self._mixture(past, ahead_s)
         return mixture.weights, mixture.means, mixture.covariances
 
@@ -82,9 +80,7 @@ class MotionPrior(PlanarForecaster):
         ahead_s: FloatArray,  # [F]
     ) -> "PathMixture":
         fitted = load(self.coefficients)
-        twists = past_motion.twists_per_s(
-            past, fitted.step_s, self.num_past_steps
-        )
+        twists = past_motion.twists_per_s(past, fitted.step_s, self.num_past_steps)
         limit = self.max_turn_rad_s
         twists[:, 3:] = np.clip(twists[:, 3:], -limit, limit)
         return path_mixture(fitted, twists[None], ahead_s)

@@ -46,9 +46,7 @@ def vehicle_from_cam(
     _, down, forward = steps[:, :3, 3].sum(axis=0)
     pitch_rad = np.arctan(down * forward / (forward**2 + min_path_m**2))
     max_pitch_rad = np.radians(max_pitch_deg)
-    return planar.level_vehicle_from_cam(
-        np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad)
-    )
+    return planar.level_vehicle_from_cam(np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad))
 
 
 def twists_per_s(
@@ -61,9 +59,7 @@ def twists_per_s(
     The first twist is repeated where the grid begins before the past.
     """
     span_s = past.times_s[-1] - past.times_s[0]
-    num_covered = np.floor(
-        span_s / step_s + 0.1
-    )  # a tenth of a step may be extrapolated
+    num_covered = np.floor(span_s / step_s + 0.1)  # a tenth of a step may be extrapolated
     num_covered = int(np.clip(num_covered, 1, num_steps))
     grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
     poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)

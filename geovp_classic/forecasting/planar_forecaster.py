@@ -11,9 +11,7 @@ from geovp_classic.forecasting.body_motion import BodyForecast, BodyMotion
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
-Modes = tuple[
-    FloatArray, FloatArray, FloatArray
-]  # weights [K], means, covariances
+Modes = tuple[FloatArray, FloatArray, FloatArray]  # weights [K], means, covariances
 
 
 @dataclass(frozen=True)
@@ -31,9 +29,7 @@ class PlanarForecast:
 
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:
         """Return (x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4]."""
-        states = planar.reduce(
-            world_from_cam, self.world_from_reference, self.vehicle_from_cam
-        )
+        states = planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
         states[..., :2] *= self.metres_per_unit
         return states
 
@@ -43,9 +39,7 @@ class PlanarForecast:
         error[..., 2] = (error[..., 2] + np.pi) % (2 * np.pi) - np.pi
         root = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
         white = (np.linalg.inv(root) @ error[..., None])[..., 0]
-        log_root_determinant = np.log(
-            np.diagonal(root, axis1=-2, axis2=-1)
-        ).sum(-1)
+        log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
         log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
         return logsumexp(log_densities, axis=0, b=self.weights[:, None, None])
@@ -120,6 +114,4 @@ class PlanarForecaster(abc.ABC):
         body = None
         if self.body_motion is not None and len(past) > 1:
             body = self.body_motion.distribution(metric, times_s)
-        return PlanarForecast(
-            *modes, past.world_from_cam[-1], plane, body, metres_per_unit
-        )
+        return PlanarForecast(*modes, past.world_from_cam[-1], plane, body, metres_per_unit)

@@ -38,9 +38,7 @@ class ImageDistance:
         metres_per_unit: float = 1.0,  # of both
     ) -> FloatArray:
         """Return the motions in the image from the centre to the futures [S, K, 6]."""
-        steps = (
-            np.linspace(0, len(centre) - 1, self.num_steps).round().astype(int)
-        )
+        steps = np.linspace(0, len(centre) - 1, self.num_steps).round().astype(int)
         steps = np.unique(steps)
         twists = se3.log(se3.inverse(centre[steps]) @ futures[:, steps])
         rad_per_unit = metres_per_unit / self.depth_m
@@ -56,9 +54,7 @@ class ImageDistance:
     ) -> FloatArray:
         """Return the distances [A, B] between futures, averaged over the steps."""
         steps = range(motions_a.shape[1])
-        distances = np.stack(
-            [cdist(motions_a[:, step], motions_b[:, step]) for step in steps]
-        )
+        distances = np.stack([cdist(motions_a[:, step], motions_b[:, step]) for step in steps])
         return np.minimum(distances, self.max_distance_rad).mean(axis=0)
 
 
@@ -75,9 +71,7 @@ class Representative:
 
     def __post_init__(self) -> None:
         if self.num_draws < 2:
-            raise BadData(
-                f"representative: num_draws is {self.num_draws}, expected 2 or more"
-            )
+            raise BadData(f"representative: num_draws is {self.num_draws}, expected 2 or more")
 
     def forecast(
         self,
@@ -98,9 +92,7 @@ class Representative:
         futures = np.concatenate([centre, draws])
         metres_per_unit = past_motion.in_metres(past)[1]
         motions = self.distance.motions(centre[0], futures, metres_per_unit)
-        selected = _medoids(
-            self.distance.between(motions, motions), num_samples
-        )
+        selected = _medoids(self.distance.between(motions, motions), num_samples)
         return futures[selected]
 
 

@@ -30,15 +30,11 @@ def umeyama(
     centred_a = points_a - mean_a
     centred_b = points_b - mean_b
     if not centred_a.any():
-        raise BadData(
-            "alignment of points that all coincide: the camera must have moved"
-        )
+        raise BadData("alignment of points that all coincide: the camera must have moved")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # for collinear points
         rotation = Rotation.align_vectors(centred_b, centred_a)[0].as_matrix()
     scale = 1.0
     if with_scale:
-        scale = (centred_b * (centred_a @ rotation.T)).sum() / (
-            centred_a**2
-        ).sum()
+        scale = (centred_b * (centred_a @ rotation.T)).sum() / (centred_a**2).sum()
     return scale, se3.compose(rotation, mean_b - scale * rotation @ mean_a)

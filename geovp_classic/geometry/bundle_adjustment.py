@@ -50,9 +50,7 @@ class AnchoredAdjustment:
     # Weight of the pixels of the first camera: the points hardly leave its rays.
     first_weight: int = 8
     anchor_weight: int = 2  # pycolmap needs two observations of a point
-    tangent: float = (
-        0.5  # of the angle between the rays of the anchors and the axis
-    )
+    tangent: float = 0.5  # of the angle between the rays of the anchors and the axis
     # Depth of near anchors, which fix the position, over the distance from the first camera.
     near_depth: float = 4.0
     # Depth of far anchors, which fix the rotation, over the longest distance.
@@ -76,9 +74,7 @@ class AnchoredAdjustment:
         all_points = np.concatenate([points, anchors])
         square = _square(pixels, camera)
         model = reconstruction(cam_from_world, all_points, *square, weights)
-        options = _options(
-            self.robust_px, CAUCHY, self.max_rounds, self.min_decrease
-        )
+        options = _options(self.robust_px, CAUCHY, self.max_rounds, self.min_decrease)
         config = _config(model, num_fixed=1)
         for n in range(len(points), len(all_points)):
             config.add_constant_point(n + 1)
@@ -165,9 +161,7 @@ def reconstruction(
     return model
 
 
-def _square(
-    pixels: FloatArray, camera: Intrinsics
-) -> tuple[FloatArray, pycolmap.Camera]:
+def _square(pixels: FloatArray, camera: Intrinsics) -> tuple[FloatArray, pycolmap.Camera]:
     """Return the pixels [..., 2] of a camera with square pixels, and this camera."""
     centre = np.array([camera.cx_px, camera.cy_px])
     rays = pinhole.normalised(pixels, camera)
@@ -209,9 +203,7 @@ def _options(
     return options
 
 
-def _config(
-    model: pycolmap.Reconstruction, num_fixed: int
-) -> pycolmap.BundleAdjustmentConfig:
+def _config(model: pycolmap.Reconstruction, num_fixed: int) -> pycolmap.BundleAdjustmentConfig:
     """Return the adjustment of all images but the first ones."""
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.images:

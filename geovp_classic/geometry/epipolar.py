@@ -30,11 +30,7 @@ class Epipolar:
     ) -> Self:
         """Return the maps of a motion between two cameras."""
         other = other_camera or camera
-        infinity = (
-            other.matrix
-            @ other_from_this[:3, :3]
-            @ np.linalg.inv(camera.matrix)
-        )
+        infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
         epipole = other.matrix @ other_from_this[:3, 3]
         return cls(infinity.astype(np.float32), epipole.astype(np.float32))
 
@@ -47,9 +43,7 @@ class Epipolar:
         Points behind the other camera, where this ratio is not positive, are mapped far outside.
         """
         q = np.asarray(inverse_depth, dtype=np.float32)
-        x, y, ratio = (
-            at + q * b for at, b in zip(self._at(q), self.epipole, strict=True)
-        )
+        x, y, ratio = (at + q * b for at, b in zip(self._at(q), self.epipole, strict=True))
         z = np.maximum(ratio, np.float32(1e-3))
         pixels = cv2.merge((x / z, y / z))
         return pixels, ratio

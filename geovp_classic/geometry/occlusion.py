@@ -17,9 +17,7 @@ def background_pixels(
     known pixel are copied from the row above or below in the same manner.
     """
     index = np.arange(is_known.size).reshape(is_known.shape)
-    _copy_farther(
-        np.ascontiguousarray(is_known), np.ascontiguousarray(depth), index
-    )
+    _copy_farther(np.ascontiguousarray(is_known), np.ascontiguousarray(depth), index)
     rows: BoolArray = np.asarray(is_known.any(axis=1))
     if not rows.all():
         down = np.ascontiguousarray(index.T)
@@ -57,7 +55,5 @@ def _copy_farther(
                 left_depth = depth[row, left]
                 right_depth = depth[row, right]
                 is_nearer = column - left <= right - column
-                is_left = left_depth > right_depth or (
-                    left_depth == right_depth and is_nearer
-                )
+                is_left = left_depth > right_depth or (left_depth == right_depth and is_nearer)
             index[row, column] = index[row, left if is_left else right]

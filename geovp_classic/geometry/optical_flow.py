@@ -36,9 +36,7 @@ def track_points(
     )
     start = pixels.astype(np.float32)
     guess = predicted.astype(np.float32)
-    tracked, status, error = track(
-        before, now, start, guess, maxLevel=forward_levels - 1
-    )
+    tracked, status, error = track(before, now, start, guess, maxLevel=forward_levels - 1)
     returned, return_status, _ = track(
         now, before, tracked, start.copy(), maxLevel=backward_levels - 1
     )

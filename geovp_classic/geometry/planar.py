@@ -13,9 +13,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 
-def level_vehicle_from_cam(
-    pitch_rad: float = 0.0, roll_rad: float = 0.0
-) -> FloatArray:
+def level_vehicle_from_cam(pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
     """Return vehicle_from_cam [4, 4] of a camera tilted against the plane.
 
     The camera looks `pitch_rad` above the plane and is rolled clockwise by `roll_rad`. With both 0
@@ -29,9 +27,7 @@ def travel_pitch_rad(
     steps: FloatArray,  # [N, 3], each in its own camera's frame
 ) -> float:
     """Return the mean angle of the viewing axis above the direction of travel; 0 without steps."""
-    forwards = np.where(
-        steps[:, 2:] < 0, -steps, steps
-    )  # reversing is along the road, too
+    forwards = np.where(steps[:, 2:] < 0, -steps, steps)  # reversing is along the road, too
     _, down, ahead = forwards.sum(axis=0)
     return float(np.arctan2(down, ahead))
 
@@ -43,9 +39,7 @@ def reduce(
 ) -> FloatArray:
     """Return (x, z, yaw_rad) [..., T, 3] on the reference's plane; yaw is positive to the right."""
     reference_from_cam = se3.inverse(world_from_reference) @ world_from_cam
-    vehicle_from_vehicle = (
-        vehicle_from_cam @ reference_from_cam @ se3.inverse(vehicle_from_cam)
-    )
+    vehicle_from_vehicle = vehicle_from_cam @ reference_from_cam @ se3.inverse(vehicle_from_cam)
     position = vehicle_from_vehicle[..., :3, 3]
     forward = vehicle_from_vehicle[..., :3, 2]
     yaw_rad = np.arctan2(forward[..., 0], forward[..., 2])
@@ -62,7 +56,5 @@ def lift(
     turns[..., 4] = states[..., 2]
     vehicle_from_vehicle = se3.exp(turns)
     vehicle_from_vehicle[..., [0, 2], 3] = states[..., :2]
-    reference_from_cam = (
-        se3.inverse(vehicle_from_cam) @ vehicle_from_vehicle @ vehicle_from_cam
-    )
+    reference_from_cam = se3.inverse(vehicle_from_cam) @ vehicle_from_vehicle @ vehicle_from_cam
     return world_from_reference @ reference_from_cam

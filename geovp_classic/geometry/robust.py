@@ -39,9 +39,7 @@ def irls(
     state = start
     for _ in range(num_rounds):
         residual, jacobian = linearise(state)
-        size = (
-            residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
-        )
+        size = residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
         current_scale = scale(size) if callable(scale) else scale
         num_unknowns = jacobian.shape[-1]
         weights = cauchy_weight(size, current_scale)

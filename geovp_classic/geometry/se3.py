@@ -44,9 +44,7 @@ def transform(
 def exp(twist: FloatArray) -> FloatArray:
     """Return the rigid motions [..., 4, 4] of twists [..., 6]."""
     rotation_vector = twist[..., 3:]
-    translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[
-        ..., 0
-    ]
+    translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[..., 0]
     flat = np.array(rotation_vector).reshape(-1, 3)  # SciPy 1.15 writes to it
     rotation = Rotation.from_rotvec(flat).as_matrix()
     return compose(rotation.reshape(*rotation_vector.shape, 3), translation)
@@ -124,13 +122,9 @@ def _rotation_vector(rotation: FloatArray) -> FloatArray:
 def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:
     """Return V [..., 3, 3] with exp(v, w) = (R, V v) (Barfoot 2017, eq. 7.37)."""
     angle_rad = np.linalg.norm(rotation_vector, axis=-1)[..., None]
-    axis = rotation_vector / np.maximum(
-        angle_rad, np.finfo(float).tiny
-    )  # 0 without rotation
+    axis = rotation_vector / np.maximum(angle_rad, np.finfo(float).tiny)  # 0 without rotation
     sine_ratio = np.sinc(angle_rad / np.pi)[..., None]  # sin(a) / a
-    cosine_ratio = (
-        0.5 * angle_rad * np.sinc(angle_rad / (2 * np.pi)) ** 2
-    )  # (1 - cos(a)) / a
+    cosine_ratio = 0.5 * angle_rad * np.sinc(angle_rad / (2 * np.pi)) ** 2  # (1 - cos(a)) / a
     outer = axis[..., :, None] * axis[..., None, :]
     along_axis = sine_ratio * np.eye(3) + (1 - sine_ratio) * outer
     return along_axis + cross_matrix(cosine_ratio * axis)

@@ -64,9 +64,7 @@ class TwoViewEstimator:
                 return TwoView(b_from_a, fits, float(np.median(shift)))
         return self._general(rays_a, rays_b, noise)
 
-    def _general(
-        self, rays_a: FloatArray, rays_b: FloatArray, noise: float
-    ) -> TwoView | None:
+    def _general(self, rays_a: FloatArray, rays_b: FloatArray, noise: float) -> TwoView | None:
         """Return the motion by MAGSAC++ (Barath et al. 2020), refined with all inliers."""
         max_error = self.max_inlier_error * noise
         a = np.ascontiguousarray(rays_a)
@@ -86,15 +84,11 @@ class TwoViewEstimator:
             return None
         if essential is None or essential.shape != (3, 3):
             return None
-        _, rotation, direction, *_ = cv2.recoverPose(
-            essential, a, b, camera, distanceThresh=1e9
-        )
+        _, rotation, direction, *_ = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)
         b_from_a: FloatArray = np.eye(4)
         b_from_a[:3, :3] = rotation
         b_from_a[:3, 3:] = direction
-        fits = (
-            np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
-        )
+        fits = np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
         if fits.mean() < self.min_inlier_fraction:
             return None
         b_from_a = refine(rays_a[fits], rays_b[fits], b_from_a, noise)
@@ -105,9 +99,7 @@ class TwoViewEstimator:
         # rays that are parallel within the noise meet in front or behind by chance
         in_front = (mask[:, 0] > 0) | (shift < max_error)
         inliers = in_front & (np.abs(distance) < max_error)
-        if inliers.sum() < max(
-            self.min_points, self.min_in_front_fraction * fits.sum()
-        ):
+        if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):
             return None
         return TwoView(b_from_a, inliers, float(np.median(shift[inliers])))
 
@@ -117,9 +109,7 @@ def homogeneous(rays: FloatArray) -> FloatArray:
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
 
 
-def parallax(
-    b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray
-) -> FloatArray:
+def parallax(b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray) -> FloatArray:
     """Return how far rays [N, 2] are from the rotated ones on z = 1 [N]; NaN behind the camera."""
     rotated = homogeneous(rays_a) @ b_from_a[:3, :3].T
     depth = np.where(rotated[:, 2:] > 1e-6, rotated[:, 2:], np.nan)

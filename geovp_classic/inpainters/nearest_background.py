@@ -20,9 +20,7 @@ class NearestBackground:
         """Return frames [F, H, W, 3]."""
         return inpaint_each(views, last, self._inpaint_frame)
 
-    def _inpaint_frame(
-        self, frame: ByteArray, covered: BoolArray, depth: FloatArray
-    ) -> ByteArray:
+    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         copied = background_pixels(covered, depth)[~covered]
         inpainted = frame.copy()
         inpainted[~covered] = frame.reshape(-1, 3)[copied]

@@ -56,19 +56,11 @@ class MaskedMetric(ABC):
                 f"{self.min_size_px}x{self.min_size_px} pixels: use larger frames"
             )
         full = np.ones(shape, bool)
-        stacked = np.stack(
-            [full if mask is None else mask for mask in masks], axis=1
-        )
-        return list(
-            np.stack(
-                list(map(self.score_frame, predicted, target, stacked)), axis=-1
-            )
-        )
+        stacked = np.stack([full if mask is None else mask for mask in masks], axis=1)
+        return list(np.stack(list(map(self.score_frame, predicted, target, stacked)), axis=-1))
 
     @abstractmethod
-    def score_frame(
-        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
-    ) -> FloatArray:
+    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
         """Return the score of one frame [H, W, 3] under each mask [M, H, W]."""
 
 
@@ -97,9 +89,7 @@ class Psnr(MaskedMetric):
         texts = {"jointly": "RGB jointly", "each": "mean over R, G and B"}
         return f"{texts[self.channels]}, 8 bit, per frame"
 
-    def score_frame(
-        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
-    ) -> FloatArray:
+    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
         """Return decibels under each mask."""
         squares = np.square(predicted.astype(np.int32) - target)
         if self.channels == "jointly":
@@ -148,9 +138,7 @@ class Ssim(MaskedMetric):
             text += f", data range {self.data_range:g} for values of range 1"
         return text
 
-    def score_frame(
-        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
-    ) -> FloatArray:
+    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
         """Return the similarity under each mask (Wang et al. 2004, eq. 13)."""
         is_gaussian = self.window == "gaussian"
         radius = self.min_size_px // 2
@@ -174,9 +162,7 @@ class Ssim(MaskedMetric):
         return masked_means(means, masks[:, valid, valid])
 
 
-def check_frames(
-    predicted: ByteArray, target: ByteArray, mask: BoolArray | None
-) -> None:
+def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> None:
     """Raise BadData unless frames are uint8 [F, H, W, 3] of one shape and the mask fits."""
     shape = target.shape[:3]
     for name, frames in (("predicted", predicted), ("target", target)):
@@ -194,6 +180,4 @@ def check_frames(
 def masked_means(values: FloatArray, masks: BoolArray) -> FloatArray:
     """Return the means of values [H, W, ...] over masks [M, H, W]; NaN for an empty mask."""
     with np.errstate(invalid="ignore"):
-        return np.stack(
-            [values[mask].sum(axis=0) / mask.sum() for mask in masks]
-        )
+        return np.stack([values[mask].sum(axis=0) / mask.sum() for mask in masks])

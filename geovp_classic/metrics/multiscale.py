@@ -39,9 +39,7 @@ class MsSsim(MaskedMetric):
         """Return the size at which the coarsest scale holds one window."""
         return 161
 
-    def score_frame(
-        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
-    ) -> FloatArray:
+    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
         """Return the similarity, 0 to 1, under each mask."""
         scores = np.ones((len(masks), 3))
         p: FloatArray = predicted / 255.0
@@ -53,10 +51,7 @@ class MsSsim(MaskedMetric):
                 terms *= luminance
             inner = weights[5:-5, 5:-5]
             with np.errstate(invalid="ignore"):  # NaN where all weights are 0
-                means = (
-                    np.einsum("hwc,hwm->mc", terms, inner)
-                    / inner.sum(axis=(0, 1))[:, None]
-                )
+                means = np.einsum("hwc,hwm->mc", terms, inner) / inner.sum(axis=(0, 1))[:, None]
             scores *= np.maximum(means, 0.0) ** exponent
             p, t, weights = _halved(p), _halved(t), _halved(weights)
         return scores.mean(axis=-1)
@@ -83,7 +78,5 @@ def _blurred(image: FloatArray) -> FloatArray:
 def _halved(image: FloatArray) -> FloatArray:
     """Return the means over 2x2 pixels of [H, W, C]."""
     height_px, width_px, channels = image.shape
-    even = np.pad(
-        image, ((0, height_px % 2), (0, width_px % 2), (0, 0)), mode="edge"
-    )
+    even = np.pad(image, ((0, height_px % 2), (0, width_px % 2), (0, 0)), mode="edge")
     return even.reshape(len(even) // 2, 2, -1, 2, channels).mean(axis=(1, 3))

@@ -38,9 +38,7 @@ class Drift:
         return f"{self.translation_percent:.2f} % / {self.rotation_deg_per_100m:.3f} deg/100m"
 
 
-def aligned(
-    estimate: Trajectory, truth: Trajectory, alignment: Alignment
-) -> Trajectory:
+def aligned(estimate: Trajectory, truth: Trajectory, alignment: Alignment) -> Trajectory:
     """Return the estimate in the truth's world and, where a scale is fitted, in its unit."""
     _check_lengths(estimate, truth)
     poses = estimate.world_from_cam.copy()
@@ -51,12 +49,8 @@ def aligned(
     if alignment in ("origin", "scale"):
         truth_from_estimate = truth.world_from_cam[0] @ se3.inverse(poses[0])
     else:
-        _, truth_from_estimate = umeyama(
-            poses[:, :3, 3], positions, with_scale=False
-        )
-    return Trajectory(
-        truth_from_estimate @ poses, estimate.times_s, truth.is_metric
-    )
+        _, truth_from_estimate = umeyama(poses[:, :3, 3], positions, with_scale=False)
+    return Trajectory(truth_from_estimate @ poses, estimate.times_s, truth.is_metric)
 
 
 def kitti_drift(
@@ -73,18 +67,14 @@ def kitti_drift(
     errors = []
     for length_m in lengths_m:
         # the first frame farther than the length
-        ends = np.searchsorted(
-            distance_m, distance_m[starts] + length_m, side="right"
-        )
+        ends = np.searchsorted(distance_m, distance_m[starts] + length_m, side="right")
         has_end = ends < len(truth)
         error = _motion_errors(estimate, truth, starts[has_end], ends[has_end])
         errors.append(np.array(error) / length_m)
     translation, rotation_deg = np.concatenate(errors, axis=1)
     if len(translation) == 0:
         return Drift(np.nan, np.nan, 0)
-    return Drift(
-        100 * translation.mean(), 100 * rotation_deg.mean(), len(translation)
-    )
+    return Drift(100 * translation.mean(), 100 * rotation_deg.mean(), len(translation))
 
 
 def absolute_error_m(estimate: Trajectory, truth: Trajectory) -> FloatArray:
@@ -104,9 +94,7 @@ def relative_error(
     """
     _check_lengths(estimate, truth)
     if not 1 <= num_steps < len(truth):
-        raise BadData(
-            f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}"
-        )
+        raise BadData(f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}")
     start = np.arange(len(truth) - num_steps)
     return _motion_errors(estimate, truth, start, start + num_steps)
 

@@ -75,9 +75,7 @@ def turned(
     """
     views = frames.copy()
     masks = np.empty(frames.shape[:3], dtype=bool)
-    predicted_from_true = (
-        se3.inverse(predicted.world_from_cam) @ target.world_from_cam
-    )
+    predicted_from_true = se3.inverse(predicted.world_from_cam) @ target.world_from_cam
     last_px = np.array([camera.width_px - 1, camera.height_px - 1])
     for step, rotation in enumerate(predicted_from_true[:, :3, :3]):
         pixels, _ = pinhole.project(pinhole.rays(camera) @ rotation.T, camera)
@@ -87,7 +85,5 @@ def turned(
             # NaN behind the camera
             at = np.nan_to_num(pixels, nan=-1.0).astype(np.float32)
             border = cv2.BORDER_REPLICATE
-            views[step] = cv2.remap(
-                frames[step], at, None, cv2.INTER_CUBIC, borderMode=border
-            )
+            views[step] = cv2.remap(frames[step], at, None, cv2.INTER_CUBIC, borderMode=border)
     return views, masks

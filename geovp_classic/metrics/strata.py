@@ -17,9 +17,7 @@ from geovp_classic.types import (
 )
 
 
-def strata(
-    context: Context, target: Target, tolerance: float = 0.02
-) -> dict[str, BoolArray]:
+def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[str, BoolArray]:
     """Return masks [F, H, W] by name, {} for a clip without depth or without metric poses.
 
     "seen" is static, and its surface point was visible in an observed frame. "disoccluded" is
@@ -32,11 +30,7 @@ def strata(
     """
     past = context.past
     future = target.trajectory
-    if (
-        past is None
-        or future is None
-        or not (past.is_metric and future.is_metric)
-    ):
+    if past is None or future is None or not (past.is_metric and future.is_metric):
         return {}
     if context.past_depths is None or target.depths is None:
         return {}
@@ -79,23 +73,16 @@ def _is_visible(
     plane is. At edges it would mix two surfaces; there the nearest pixel decides.
     """
     # points times inverse depth, so that sky is a direction
-    points = (
-        rays @ past_from_cam[:3, :3].T
-        + inverse_depth[:, None] * past_from_cam[:3, 3]
-    )
+    points = rays @ past_from_cam[:3, :3].T + inverse_depth[:, None] * past_from_cam[:3, 3]
     pixels, depth = pinhole.project(points, camera)
     pixels = np.nan_to_num(pixels, nan=-1e6)  # behind the camera
-    inside = np.clip(
-        pixels, -0.5, [camera.width_px - 0.5, camera.height_px - 0.5]
-    )
+    inside = np.clip(pixels, -0.5, [camera.width_px - 0.5, camera.height_px - 0.5])
     is_inside = (inside == pixels).all(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = np.where(is_inside, inverse_depth / depth, np.nan)
     is_visible = np.zeros(len(rays), dtype=bool)
     for order in (0, 1):  # the nearest pixel, and linear interpolation
-        recorded = map_coordinates(
-            observed, inside.T[::-1], order=order, mode="nearest"
-        )
+        recorded = map_coordinates(observed, inside.T[::-1], order=order, mode="nearest")
         is_visible |= np.abs(recorded - expected) <= tolerance * expected
     return is_visible
 

@@ -30,9 +30,7 @@ class _Error(ABC):
         _check_instants(predicted, target)
         if self.unit == "m" and not (predicted.is_metric and target.is_metric):
             return np.full(len(target), np.nan)
-        return self.errors(
-            se3.inverse(target.world_from_cam) @ predicted.world_from_cam
-        )
+        return self.errors(se3.inverse(target.world_from_cam) @ predicted.world_from_cam)
 
     @abstractmethod
     def errors(self, target_from_predicted: FloatArray) -> FloatArray:

@@ -71,23 +71,17 @@ class FrameScreening:
     def _match(self, before: ByteArray, now: ByteArray) -> bool:
         """Return whether corners can be tracked between two images and back."""
         images = self._normalised(before), self._normalised(now)
-        corners = cv2.goodFeaturesToTrack(
-            images[0], self.max_cut_corners, 0.01, 5
-        )
+        corners = cv2.goodFeaturesToTrack(images[0], self.max_cut_corners, 0.01, 5)
         if corners is None or len(corners) < self.min_cut_corners:
             return True
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
-        _, is_tracked, _ = track_points(
-            images, pixels, pixels, self.cut_window_px
-        )
+        _, is_tracked, _ = track_points(images, pixels, pixels, self.cut_window_px)
         return bool(is_tracked.mean() >= self.max_cut_tracked_fraction)
 
     def _normalised(self, grey: ByteArray) -> ByteArray:
         """Return a small image of fixed contrast, independent of exposure."""
         width_px = round(grey.shape[1] * self.cut_height_px / len(grey))
-        small = cv2.resize(
-            grey, (width_px, self.cut_height_px), interpolation=cv2.INTER_AREA
-        )
+        small = cv2.resize(grey, (width_px, self.cut_height_px), interpolation=cv2.INTER_AREA)
         return np.asarray(cv2.equalizeHist(small), np.uint8)
 
 

@@ -51,9 +51,7 @@ class Observed:
             return self.mask
         if full is None or self.full_mask is None:
             return self.mask
-        return _warped(
-            self.full_mask, full.intrinsics, self.original.intrinsics
-        )
+        return _warped(self.full_mask, full.intrinsics, self.original.intrinsics)
 
 
 @dataclass(frozen=True)
@@ -95,9 +93,7 @@ class Observer:
             if images is not None:
                 reduced = replace(reduced, **{field: images[:, *window]})
         camera = reduced.intrinsics
-        observations = Observations(
-            reduced.frames, greys[:, *window], is_usable, camera
-        )
+        observations = Observations(reduced.frames, greys[:, *window], is_usable, camera)
         reduced = replace(reduced, observations=observations)
         if full is not None and full_mask is not None:
             full_window = self._window(full_mask)
@@ -107,9 +103,7 @@ class Observer:
                 reduced,
                 full=full,
                 future_full=future_full and _windowed(future_full, full_window),
-                full_observations=self.full_observations(
-                    full, camera, full_usable
-                ),
+                full_observations=self.full_observations(full, camera, full_usable),
             )
         return Observed(reduced, mask, full_mask, context)
 
@@ -143,18 +137,9 @@ class Observer:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
         scale = np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale)
-        width_px = max(
-            1, round(native.width_px * scale * crop.fx_px / native.fx_px)
-        )
-        height_px = max(
-            1, round(native.height_px * scale * crop.fy_px / native.fy_px)
-        )
-        frames = np.stack(
-            [
-                pinhole.resize(frame, (width_px, height_px))
-                for frame in full.frames
-            ]
-        )
+        width_px = max(1, round(native.width_px * scale * crop.fx_px / native.fx_px))
+        height_px = max(1, round(native.height_px * scale * crop.fy_px / native.fy_px))
+        frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in full.frames])
         camera = native.resized(width_px, height_px)
         return Observations(frames, _greys(frames), is_usable, camera)
 
@@ -189,14 +174,11 @@ def future_greys(context: Context, frames: Stream) -> ByteArray:
     if frames == "full" and context.future_full is not None:
         view = context.future_full
         usable = np.ones(len(view), dtype=bool)
-        return (
-            Observer().full_observations(view, context.intrinsics, usable).greys
-        )
+        return Observer().full_observations(view, context.intrinsics, usable).greys
     if frames == "crop" and context.future_frames is not None:
         return _greys(context.future_frames)
     raise Incompatible(
-        f"future images ({frames}) are asked for, the clip has none: use a data set that gives "
-        "them"
+        f"future images ({frames}) are asked for, the clip has none: use a data set that gives them"
     )
 
 
@@ -237,15 +219,11 @@ def _windowed(view: View, window: Window) -> View:
     rows, columns = window
     frames = view.frames[:, rows, columns]
     height_px, width_px = frames.shape[1:3]
-    camera = view.intrinsics.cropped(
-        columns.start, rows.start, width_px, height_px
-    )
+    camera = view.intrinsics.cropped(columns.start, rows.start, width_px, height_px)
     return replace(view, frames=frames, intrinsics=camera)
 
 
-def _warped(
-    mask: BoolArray, camera: Intrinsics, other: Intrinsics
-) -> BoolArray:
+def _warped(mask: BoolArray, camera: Intrinsics, other: Intrinsics) -> BoolArray:
     """Return a camera's mask [H, W] as another camera at the same place sees it."""
     other_from_this = other.matrix @ np.linalg.inv(camera.matrix)
     size_px = (other.width_px, other.height_px)

@@ -81,9 +81,7 @@ class SceneMasking:
         edges = np.median(np.abs(above - below), axis=1)  # of each frame
         edge = np.quantile(edges, 1 - self.min_edge_frames_fraction)
         motion = cv2.absdiff(greys[-1], greys[0])[~mask].mean()
-        is_vehicle = (
-            edge >= self.min_edge and motion >= self.min_motion_difference
-        )
+        is_vehicle = edge >= self.min_edge and motion >= self.min_motion_difference
         return mask if is_vehicle else nothing
 
     def _still_region(self, greys: ByteArray) -> BoolArray:

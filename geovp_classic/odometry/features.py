@@ -39,9 +39,7 @@ class CornerTracker:
 
     def __post_init__(self) -> None:
         if self.num_features < 50:
-            raise BadData(
-                f"num_features is {self.num_features}: expected at least 50"
-            )
+            raise BadData(f"num_features is {self.num_features}: expected at least 50")
 
     def detect(self, grey: ByteArray) -> FloatArray:
         """Return all corners [M, 2] of an image [H, W], the strongest first."""
@@ -51,9 +49,7 @@ class CornerTracker:
         shrink = 1
         if grey.shape[1] >= self.half_size_from_px:
             shrink = 2
-            grey = cv2.resize(
-                grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
-            )
+            grey = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         strength = cv2.cornerMinEigenVal(grey, 3) * (255 / contrast) ** 2
         border = self.border_px // shrink
         strength = np.pad(strength[border:-border, border:-border], border)
@@ -64,17 +60,13 @@ class CornerTracker:
         corners = np.stack([columns, rows], axis=1)[order]
         return (corners + 0.5) * shrink - 0.5
 
-    def select(
-        self, corners: FloatArray, occupied: FloatArray, image: ByteArray
-    ) -> FloatArray:
+    def select(self, corners: FloatArray, occupied: FloatArray, image: ByteArray) -> FloatArray:
         """Return the strongest corner [K, 2] of every cell without any of the `occupied` points.
 
         The image [H, W] has about `num_features` square cells.
         """
         side_px = np.sqrt(image.size / self.num_features)
-        indices, strongest = np.unique(
-            _grid_indices(corners, side_px), return_index=True
-        )
+        indices, strongest = np.unique(_grid_indices(corners, side_px), return_index=True)
         is_free = ~np.isin(indices, _grid_indices(occupied, side_px))
         return corners[strongest[is_free]]
 
@@ -101,17 +93,13 @@ class CornerTracker:
             )
         return tracked, is_found
 
-    def match_exposure(
-        self, grey: ByteArray, reference: ByteArray
-    ) -> ByteArray:
+    def match_exposure(self, grey: ByteArray, reference: ByteArray) -> ByteArray:
         """Return the image with the exposure of another, if they differ noticeably.
 
         The gain is a median over cells of the images, so that new objects do not change it.
         """
         means, reference_means = (
-            cv2.resize(
-                image[::4, ::4], (16, 8), interpolation=cv2.INTER_AREA
-            ).astype(np.float32)
+            cv2.resize(image[::4, ::4], (16, 8), interpolation=cv2.INTER_AREA).astype(np.float32)
             for image in (grey, reference)
         )
         gain = float(np.median((reference_means + 1) / (means + 1)))
@@ -141,10 +129,7 @@ class CornerTracker:
         is_found &= is_inside.all(axis=1)
         if is_found.any():
             usual = float(np.median(difference[is_found]))
-            is_found &= (
-                difference
-                < self.max_difference_ratio * usual + self.max_difference_offset
-            )
+            is_found &= difference < self.max_difference_ratio * usual + self.max_difference_offset
         return tracked, is_found
 
 

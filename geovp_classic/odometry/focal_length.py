@@ -34,9 +34,7 @@ class FocalLength:
     @property
     def is_sure(self) -> bool:
         """Return whether the standard deviation is below a tenth, enough for prediction."""
-        return bool(
-            np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1
-        )
+        return bool(np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1)
 
 
 @dataclass(frozen=True)
@@ -59,18 +57,12 @@ class FocalLengthEstimator:
     tracking: Tracking = Tracking()
 
     @single_threaded_blas
-    def estimate(
-        self, windows: Iterable[Sequence[ByteArray]]
-    ) -> FocalLength | None:
+    def estimate(self, windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
         """Return the focal length of grey images [H, W], from windows of consecutive ones.
 
         The result is None if no window is informative.
         """
-        roots = [
-            self._root(window)
-            for window in windows
-            if len(window) >= self.min_images
-        ]
+        roots = [self._root(window) for window in windows if len(window) >= self.min_images]
         informative = [root for root in roots if root is not None]
         if not informative:
             return None

@@ -83,9 +83,7 @@ class GroundPlane:
             )
         max_pitch_rad = np.radians(self.max_pitch_deg)
         pitch_rad = float(np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad))
-        return GroundPlaneEstimator(
-            self, intrinsics, camera_height_m, pitch_rad
-        )
+        return GroundPlaneEstimator(self, intrinsics, camera_height_m, pitch_rad)
 
 
 class GroundPlaneEstimator:
@@ -107,36 +105,24 @@ class GroundPlaneEstimator:
         self.roll_rad = 0.0
         # one per update: the logarithm of a height (NaN: none), its deviation, and the relative
         # step of the walk to it
-        self._measurements: deque[tuple[float, float, float]] = deque(
-            maxlen=settings.max_pairs
-        )
+        self._measurements: deque[tuple[float, float, float]] = deque(maxlen=settings.max_pairs)
         self._recent: list[float] = []  # logarithms of measured heights
         self._num_measured = 0
         self._num_missed = 0  # in a row
         self._is_restarted = False
-        self._pixels = settings.road.samples(
-            camera, level_plane(pitch_rad)
-        )  # [N, 2]
+        self._pixels = settings.road.samples(camera, level_plane(pitch_rad))  # [N, 2]
         top_px = self._pixels[:, 1].min(initial=camera.height_px)
-        self._top_px = max(
-            0, int(top_px) - 24
-        )  # of the rows that show the road
+        self._top_px = max(0, int(top_px) - 24)  # of the rows that show the road
         self._pixels[:, 1] -= self._top_px
         height_px = camera.height_px - self._top_px
-        self._camera = camera.cropped(
-            0, self._top_px, camera.width_px, height_px
-        )
+        self._camera = camera.cropped(0, self._top_px, camera.width_px, height_px)
 
     def finalize(self, length: float, duration_s: float) -> None:
         """Fit the walk, or assume the prior's median speed if no road was found."""
         if self._num_measured:
-            log_heights, deviations = self.settings.walk.smooth(
-                *np.array(self._measurements).T
-            )
+            log_heights, deviations = self.settings.walk.smooth(*np.array(self._measurements).T)
             variance = float(np.mean(deviations**2))
-            self.uncertainty = float(
-                np.sqrt(variance + self.settings.systematic_error**2)
-            )
+            self.uncertainty = float(np.sqrt(variance + self.settings.systematic_error**2))
             self.units = self.camera_height_m / np.exp(log_heights)
             self.unit = float(np.exp(np.log(self.units).mean()))
         if self.uncertainty <= MIN_SPREAD:
@@ -211,9 +197,7 @@ class GroundPlaneEstimator:
         else:
             log_height = float(np.median(self._recent))
         width = self.settings.search_range
-        log_heights = log_height + np.arange(
-            -width, width, self.settings.search_step
-        )
+        log_heights = log_height + np.arange(-width, width, self.settings.search_step)
         expected = level_plane(self.pitch_rad, self.roll_rad)
         planes = expected / np.exp(log_heights)[:, None]
         start, correlation = road.search(pair, self._pixels, planes)
@@ -236,9 +220,7 @@ class GroundPlaneEstimator:
             pitch_rad = self.pitch_rad + offset_rad
             planes = level_plane(pitch_rad, self.roll_rad)
             planes = planes / heights[:, None]
-            plane, correlation = settings.road.search(
-                pair, self._pixels, planes
-            )
+            plane, correlation = settings.road.search(pair, self._pixels, planes)
             if correlation > best_correlation:
                 best = plane
                 best_correlation = correlation

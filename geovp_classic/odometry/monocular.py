@@ -45,11 +45,7 @@ class Monocular:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the inputs that the scale needs, and the uncropped frames if asked for."""
-        full = (
-            PrivilegedInput.FULL_FRAMES
-            if self.frames == "full"
-            else PrivilegedInput.NONE
-        )
+        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
         return self.scale.needs | full
 
     @single_threaded_blas
@@ -75,9 +71,7 @@ class Monocular:
             steps = steps[is_measured]
 
         # Scale
-        estimator = self.fit_scale(
-            path, view.intrinsics, context.camera_height_m
-        )
+        estimator = self.fit_scale(path, view.intrinsics, context.camera_height_m)
 
         # Bridge
         poses = path.world_from_cam.copy()
@@ -87,9 +81,7 @@ class Monocular:
             world_from_cam = se3.interpolate(poses, times_s[steps], times_s)
         tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
         tracked[steps] = path.tracked
-        return self.trajectory(
-            world_from_cam, times_s, estimator.uncertainty
-        ), tracked
+        return self.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
     def track_sequence(
         self,
@@ -106,13 +98,9 @@ class Monocular:
         estimator = self.scale.estimator(intrinsics, camera_height_m)
         num_starts = 1
         updated = []  # steps
-        for index, (frame, time_s) in enumerate(
-            zip(frames, times_s, strict=True)
-        ):
+        for index, (frame, time_s) in enumerate(zip(frames, times_s, strict=True)):
             grey = pinhole.grey8(frame)
-            tracker.push(
-                Image(grey, self.tracking.corners.detect(grey), float(time_s))
-            )
+            tracker.push(Image(grey, self.tracking.corners.detect(grey), float(time_s)))
             if tracker.num_starts > num_starts:
                 estimator.restart()
                 num_starts = tracker.num_starts
@@ -124,20 +112,12 @@ class Monocular:
         length = float(se3.step_lengths(poses).sum())
         estimator.finalize(length, float(times_s[-1] - times_s[0]))
         if len(estimator.units):
-            units = np.interp(
-                np.arange(1, len(times_s)), updated, estimator.units
-            )
+            units = np.interp(np.arange(1, len(times_s)), updated, estimator.units)
             steps[:, :3, 3] *= units[:, None]
-        world_from_cam = np.stack(
-            list(accumulate(steps, np.matmul, initial=np.eye(4)))
-        )
-        return self.trajectory(
-            world_from_cam, times_s, estimator.uncertainty
-        ), tracked
+        world_from_cam = np.stack(list(accumulate(steps, np.matmul, initial=np.eye(4))))
+        return self.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
-    def _track_images(
-        self, images: list[Image], intrinsics: Intrinsics
-    ) -> Path:
+    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
         """Track the images of a clip, and adjust all of them together."""
         tracker = track_clip(self.tracking, images, intrinsics)
         tracker.map.adjust(num_fixed=1)
@@ -153,9 +133,7 @@ class Monocular:
         mean_step = path.length / max(len(path.images) - 1, 1)
         best: ScaleEstimator | None = None
         for stride in self.scale_strides:
-            estimator = self.scale.estimator(
-                intrinsics, height_m, path.pitch_rad
-            )
+            estimator = self.scale.estimator(intrinsics, height_m, path.pitch_rad)
             for now in range(stride, len(path.images)):
                 path.measure(estimator, now - stride, now)
             estimator.finalize(path.length, path.duration_s)
@@ -182,9 +160,7 @@ class Monocular:
         moves = steps.sum() > 0
         if moves:
             world_from_cam[:, :3, 3] /= steps.mean()
-        return Trajectory(
-            world_from_cam, times_s, self.scale.is_metric and not moves, None
-        )
+        return Trajectory(world_from_cam, times_s, self.scale.is_metric and not moves, None)
 
 
 @dataclass(frozen=True)
@@ -238,9 +214,7 @@ def longest_segment(
     steps = np.flatnonzero(tracked)
     restarts = np.flatnonzero(np.diff(steps) > max_bridged + 1) + 1
     segments = np.split(steps, restarts)
-    segment = max(
-        reversed(segments), key=len
-    )  # the last one of equally long ones
+    segment = max(reversed(segments), key=len)  # the last one of equally long ones
     is_measured: BoolArray = np.zeros(len(tracked), dtype=bool)
     is_measured[segment] = True
     if len(segment) and segment[0] > steps[0]:

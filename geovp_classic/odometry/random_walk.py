@@ -40,20 +40,14 @@ class RandomWalk:
         step2 = (self.start_ratio * self.step) ** 2
         for _ in range(self.num_rounds):
             information = weight * precision / noise2
-            mean, covariance = _solve(
-                measured, information, 1 / (step2 * step_ratio2)
-            )
+            mean, covariance = _solve(measured, information, 1 / (step2 * step_ratio2))
             variance = np.diag(covariance)
             error2 = ((measured - mean) ** 2 + variance) * precision
             noise2 = max(1.0, self._update(1.0, (weight * error2)[is_measured]))
-            weight = (self.degrees_of_freedom + 1) / (
-                self.degrees_of_freedom + error2 / noise2
-            )
+            weight = (self.degrees_of_freedom + 1) / (self.degrees_of_freedom + error2 / noise2)
             moved2 = np.diff(mean) ** 2 + variance[1:] + variance[:-1]
             moved2 -= 2 * np.diag(covariance, 1)
-            step2 = self._update(
-                self.step**2, (moved2 / step_ratio2)[is_related]
-            )
+            step2 = self._update(self.step**2, (moved2 / step_ratio2)[is_related])
         return mean, np.sqrt(variance)
 
     def _update(self, default: float, squares: FloatArray) -> float:

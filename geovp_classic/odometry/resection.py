@@ -38,15 +38,11 @@ class Resection:
             sampled = _sample_pose(points, rays, max_error)
             if sampled is not None:
                 other = refine_pose(points, rays, sampled, noise)
-                other_inliers = (
-                    reprojection_errors(points, rays, other) < max_error
-                )
+                other_inliers = reprojection_errors(points, rays, other) < max_error
                 if other_inliers.sum() > inliers.sum():
                     pose = other
                     inliers = other_inliers
-        if inliers.sum() < max(
-            self.min_inliers, self.min_inlier_fraction * len(points)
-        ):
+        if inliers.sum() < max(self.min_inliers, self.min_inlier_fraction * len(points)):
             return None
         return pose, inliers
 
@@ -95,9 +91,7 @@ def refine_pose(
     )
 
 
-def _sample_pose(
-    points: FloatArray, rays: FloatArray, max_error: float
-) -> FloatArray | None:
+def _sample_pose(points: FloatArray, rays: FloatArray, max_error: float) -> FloatArray | None:
     """Return a pose with many inliers by MAGSAC++ (Barath et al. 2020); None without one."""
     try:
         has_pose, rotation_vector, translation, _ = cv2.solvePnPRansac(

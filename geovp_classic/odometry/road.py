@@ -53,14 +53,8 @@ class RoadAligner:
         The road's unit normal [3] in the camera points down.
         """
         horizon = (1 / self.max_distance - normal[2]) / normal[1]  # on z = 1
-        top = int(
-            np.clip(
-                camera.cy_px + camera.fy_px * horizon, 0, camera.height_px - 2
-            )
-        )
-        rows, columns = np.mgrid[
-            top : camera.height_px - 2, 2 : camera.width_px - 2
-        ]
+        top = int(np.clip(camera.cy_px + camera.fy_px * horizon, 0, camera.height_px - 2))
+        rows, columns = np.mgrid[top : camera.height_px - 2, 2 : camera.width_px - 2]
         pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
         rays = pinhole.unproject(pixels, 1.0, camera)
         inverse_depth = np.maximum(rays @ normal, 1e-6)
@@ -82,10 +76,7 @@ class RoadAligner:
         The local mean is subtracted from the images, so that exposure does not matter.
         """
         size_px = (self.mean_px, self.mean_px)
-        before, now = (
-            image - cv2.blur(image, size_px)
-            for image in (pair.before, pair.now)
-        )
+        before, now = (image - cv2.blur(image, size_px) for image in (pair.before, pair.now))
         pixels = pixels[:: self.search_stride]
         rays = pinhole.unproject(pixels, 1.0, pair.camera)
         values = sample(now, pixels)
@@ -106,10 +97,7 @@ class RoadAligner:
         Geman-McClure weights against other surfaces. The result is None if the road is not visible,
         has no texture, or looks different.
         """
-        derivatives = [
-            cv2.Sobel(pair.before, cv2.CV_32F, dx, 1 - dx, scale=1 / 8)
-            for dx in (1, 0)
-        ]
+        derivatives = [cv2.Sobel(pair.before, cv2.CV_32F, dx, 1 - dx, scale=1 / 8) for dx in (1, 0)]
         fields = np.stack([pair.before, *derivatives], axis=-1)
         target = sample(pair.now, pixels)
         rays = pinhole.unproject(pixels, 1.0, pair.camera)
@@ -120,9 +108,7 @@ class RoadAligner:
             if linear is None:
                 return None
             difference, jacobian = linear
-            spread = max(
-                self.grey_noise, 1.4826 * float(np.median(np.abs(difference)))
-            )
+            spread = max(self.grey_noise, 1.4826 * float(np.median(np.abs(difference))))
             weight = geman_mcclure_weight(difference, 2 * spread) / spread**2
             mean = weight @ jacobian / weight.sum()
             jacobian -= mean  # eliminates the change of brightness
@@ -180,12 +166,8 @@ class RoadAligner:
         camera = pair.camera
         translation = pair.before_from_now[:3, 3]
         # derivative of the grey value by m . r
-        slope = (
-            by_u * camera.fx_px * (translation[0] * depth - x * translation[2])
-        )
-        slope += (
-            by_v * camera.fy_px * (translation[1] * depth - y * translation[2])
-        )
+        slope = by_u * camera.fx_px * (translation[0] * depth - x * translation[2])
+        slope += by_v * camera.fy_px * (translation[1] * depth - y * translation[2])
         jacobian = (slope / depth**2)[:, None] * rays[visible]
         difference = values - target[visible]
         return difference - np.median(difference), jacobian
@@ -253,6 +235,4 @@ def _normalised(values: FloatArray, visible: BoolArray) -> FloatArray:
     count = np.maximum(visible.sum(axis=-1, keepdims=True), 1)
     mean = np.where(visible, values, 0.0).sum(axis=-1, keepdims=True) / count
     centred = np.where(visible, values - mean, 0.0)
-    return centred / np.maximum(
-        np.linalg.norm(centred, axis=-1, keepdims=True), 1e-3
-    )
+    return centred / np.maximum(np.linalg.norm(centred, axis=-1, keepdims=True), 1e-3)

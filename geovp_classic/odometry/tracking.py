@@ -64,9 +64,7 @@ class RelativePose:
     waiting: Tracks | None  # of an image that waits for a map
 
 
-def track_clip(
-    settings: Tracking, images: Sequence[Image], camera: Intrinsics
-) -> "Tracker":
+def track_clip(settings: Tracking, images: Sequence[Image], camera: Intrinsics) -> "Tracker":
     """Track the images of a clip with keyframes that stay for its bundle adjustment."""
     keyframes = settings.keyframes.for_clip(len(images))
     tracker = Tracker(replace(settings, keyframes=keyframes), camera)
@@ -83,9 +81,7 @@ class Tracker:
 
     def __init__(self, settings: Tracking, camera: Intrinsics) -> None:
         self.settings = settings
-        self.map = WindowedMap(
-            camera, settings.corners.noise_px, settings.keyframes
-        )
+        self.map = WindowedMap(camera, settings.corners.noise_px, settings.keyframes)
         self.map.add_keyframe(np.eye(4))
         self.num_starts = 0  # maps so far; each has its own unit of length
         # the last two keyframes' images and their motion before_from_now [4, 4]
@@ -122,9 +118,7 @@ class Tracker:
         keyframe = self.map.keyframes[-1]
         keyframe_from_cam = keyframe.cam_from_world @ world_from_cam
         waiting = None if self.map.triangulated.any() else tracks
-        self._poses.append(
-            RelativePose(tracked, keyframe, keyframe_from_cam, waiting)
-        )
+        self._poses.append(RelativePose(tracked, keyframe, keyframe_from_cam, waiting))
 
     def poses(self) -> tuple[FloatArray, BoolArray]:
         """Return world_from_cam [T, 4, 4] and marks of tracked images [T]."""
@@ -132,40 +126,26 @@ class Tracker:
             se3.inverse(pose.keyframe.cam_from_world) @ pose.keyframe_from_cam
             for pose in self._poses
         ]
-        return np.stack(world_from_cam), np.array(
-            [pose.tracked for pose in self._poses]
-        )
+        return np.stack(world_from_cam), np.array([pose.tracked for pose in self._poses])
 
     def forget(self, num_images: int) -> None:
         """Forget the poses of all but the newest images."""
         del self._poses[:-num_images]
 
-    def _localise(
-        self, last: Image, image: Image, predicted: FloatArray
-    ) -> Tracks | None:
+    def _localise(self, last: Image, image: Image, predicted: FloatArray) -> Tracks | None:
         """Localise the camera near a predicted cam_from_world [4, 4] by the points of the map."""
         index = np.flatnonzero(self.map.active)
-        guess = self.map.predict_pixels(
-            se3.inverse(self._world_from_last), predicted
-        )
+        guess = self.map.predict_pixels(se3.inverse(self._world_from_last), predicted)
         corners = self.settings.corners
-        pixels, is_found = corners.track(
-            last.grey, image.grey, self.map.pixels[index], guess
-        )
+        pixels, is_found = corners.track(last.grey, image.grey, self.map.pixels[index], guess)
         has_point = is_found & self.map.triangulated[index]
         points = self.map.points[index[has_point]]
         rays = self.map.rays(pixels[has_point])
-        localised = self.settings.resection.resect(
-            points, rays, predicted, self.map.noise
-        )
+        localised = self.settings.resection.resect(points, rays, predicted, self.map.noise)
         if localised is None:
-            return self._localise_from_keyframe(
-                image, index[is_found], pixels[is_found]
-            )
+            return self._localise_from_keyframe(image, index[is_found], pixels[is_found])
         cam_from_world, is_found[has_point] = localised
-        tracks = self._move(
-            image, index[is_found], pixels[is_found], cam_from_world
-        )
+        tracks = self._move(image, index[is_found], pixels[is_found], cam_from_world)
         if self._keyframe_is_due():
             self._add_keyframe(image)
         return tracks
@@ -216,9 +196,7 @@ class Tracker:
         cam_from_keyframe = motion.b_from_a.copy()
         cam_from_keyframe[:3, 3] *= baseline if initialises else 0.0
         cam_from_world = cam_from_keyframe @ world.keyframes[-1].cam_from_world
-        tracks = self._move(
-            image, index[inliers], pixels[inliers], cam_from_world
-        )
+        tracks = self._move(image, index[inliers], pixels[inliers], cam_from_world)
         if initialises:
             self.num_starts += 1
             twist = se3.log(se3.inverse(cam_from_keyframe))
@@ -268,10 +246,7 @@ class Tracker:
         world.add_keyframe(cam_from_world)
         before, now = world.keyframes[-2:]  # which are adjusted below
         world.triangulate()
-        if (
-            world.is_full
-            or (len(world.keyframes) - 1) % policy.adjust_every == 0
-        ):
+        if world.is_full or (len(world.keyframes) - 1) % policy.adjust_every == 0:
             world.adjust(num_fixed=2 if world.is_full else 1)
         self._world_from_last = se3.inverse(now.cam_from_world)
         before_from_now = before.cam_from_world @ self._world_from_last
@@ -306,9 +281,7 @@ class Tracker:
         """Start tracks at new corners of the newest keyframe."""
         self._keyframe = image
         occupied = self.map.pixels[self.map.active]
-        self.map.add_tracks(
-            self.settings.corners.select(image.corners, occupied, image.grey)
-        )
+        self.map.add_tracks(self.settings.corners.select(image.corners, occupied, image.grey))
 
     def _localise_waiting(self) -> None:
         """Localise earlier images in a map that was just initialised."""
@@ -317,20 +290,11 @@ class Tracker:
                 continue
             ids, pixels = pose.waiting
             pose.waiting = None
-            _, observed, index = np.intersect1d(
-                ids, self.map.track_ids, return_indices=True
-            )
+            _, observed, index = np.intersect1d(ids, self.map.track_ids, return_indices=True)
             has_point = self.map.triangulated[index]
             points = self.map.points[index[has_point]]
             rays = self.map.rays(pixels[observed[has_point]])
-            guess = (
-                se3.inverse(pose.keyframe_from_cam)
-                @ pose.keyframe.cam_from_world
-            )
-            localised = self.settings.resection.resect(
-                points, rays, guess, self.map.noise
-            )
+            guess = se3.inverse(pose.keyframe_from_cam) @ pose.keyframe.cam_from_world
+            localised = self.settings.resection.resect(points, rays, guess, self.map.noise)
             if localised is not None:
-                pose.keyframe_from_cam = (
-                    pose.keyframe.cam_from_world @ se3.inverse(localised[0])
-                )
+                pose.keyframe_from_cam = pose.keyframe.cam_from_world @ se3.inverse(localised[0])

@@ -18,16 +18,11 @@ def triangulate(
     """
     num_views, num_points = rays.shape[:2]
     # x (p3 . X) = p1 . X and y (p3 . X) = p2 . X, with the rows p of a pose
-    equations = (
-        rays[..., None] * cam_from_world[:, None, 2:3]
-        - cam_from_world[:, None, :2]
-    )
+    equations = rays[..., None] * cam_from_world[:, None, 2:3] - cam_from_world[:, None, :2]
     equations = np.nan_to_num(equations).transpose(1, 0, 2, 3)  # [N, V, 2, 4]
     weight = np.ones((num_points, num_views))
     for _ in range(num_rounds):
-        weighted = (equations * weight[..., None, None]).reshape(
-            num_points, 2 * num_views, 4
-        )
+        weighted = (equations * weight[..., None, None]).reshape(num_points, 2 * num_views, 4)
         system = np.swapaxes(weighted, 1, 2) @ weighted  # [N, 4, 4]
         damping = 1e-15 * np.trace(system, axis1=1, axis2=2) + 1e-300
         normal = system[:, :3, :3] + damping[:, None, None] * np.eye(3)

@@ -43,9 +43,7 @@ class KeyframePolicy:
 
     def __post_init__(self) -> None:
         if self.window < 3:
-            raise BadData(
-                f"window is {self.window}: expected at least 3 keyframes"
-            )
+            raise BadData(f"window is {self.window}: expected at least 3 keyframes")
 
     def for_clip(self, num_images: int) -> KeyframePolicy:
         """Return the policy for a clip, which is adjusted as a whole."""
@@ -71,22 +69,14 @@ class WindowedMap:
     the window observe its point, which constrains their poses.
     """
 
-    def __init__(
-        self, camera: Intrinsics, noise_px: float, policy: KeyframePolicy
-    ) -> None:
+    def __init__(self, camera: Intrinsics, noise_px: float, policy: KeyframePolicy) -> None:
         self.camera = camera
         self.noise_px = noise_px  # standard deviation of a pixel's coordinates
         self.policy = policy
         self.keyframes: list[Keyframe] = []  # K
-        self.observations: FloatArray = np.zeros(
-            (0, 0, 2)
-        )  # [K, N, 2] pixels; NaN: not observed
-        self.pixels: FloatArray = np.zeros(
-            (0, 2)
-        )  # [N, 2] in the last image; NaN: ended
-        self.points: FloatArray = np.zeros(
-            (0, 3)
-        )  # [N, 3] in the world; NaN: not triangulated
+        self.observations: FloatArray = np.zeros((0, 0, 2))  # [K, N, 2] pixels; NaN: not observed
+        self.pixels: FloatArray = np.zeros((0, 2))  # [N, 2] in the last image; NaN: ended
+        self.points: FloatArray = np.zeros((0, 3))  # [N, 3] in the world; NaN: not triangulated
         self.track_ids: IntArray = np.zeros(0, dtype=np.int64)  # [N]
         self._num_tracks = 0
 
@@ -122,21 +112,15 @@ class WindowedMap:
     @property
     def cam_from_world(self) -> FloatArray:
         """Return the poses [K, 4, 4] of the keyframes."""
-        return np.stack(
-            [keyframe.cam_from_world for keyframe in self.keyframes]
-        )
+        return np.stack([keyframe.cam_from_world for keyframe in self.keyframes])
 
     def add_keyframe(self, cam_from_world: FloatArray) -> None:
         """Make the last image a keyframe; the oldest one leaves a full window."""
         if self.is_full:
             self._drop_oldest(1)
-        self.observations = np.concatenate(
-            [self.observations, self.pixels[None]]
-        )
+        self.observations = np.concatenate([self.observations, self.pixels[None]])
         self.keyframes.append(Keyframe(cam_from_world))
-        self._keep(
-            self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2))
-        )
+        self._keep(self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2)))
 
     def add_tracks(self, pixels: FloatArray) -> None:
         """Start tracks at new pixels [M, 2] of the newest keyframe."""
@@ -144,9 +128,7 @@ class WindowedMap:
         observations = np.full((len(self.keyframes), count, 2), np.nan)
         observations[-1] = pixels
         ids = self._num_tracks + np.arange(count)
-        self.observations = np.concatenate(
-            [self.observations, observations], axis=1
-        )
+        self.observations = np.concatenate([self.observations, observations], axis=1)
         self.pixels = np.concatenate([self.pixels, pixels])
         self.points = np.concatenate([self.points, np.full((count, 3), np.nan)])
         self.track_ids = np.concatenate([self.track_ids, ids])
@@ -205,9 +187,7 @@ class WindowedMap:
         self.points[outliers] = np.nan
         self.pixels[outliers] = np.nan
 
-    def predict_pixels(
-        self, last_from_world: FloatArray, cam_from_world: FloatArray
-    ) -> FloatArray:
+    def predict_pixels(self, last_from_world: FloatArray, cam_from_world: FloatArray) -> FloatArray:
         """Return the pixels [M, 2] of the active tracks in a new image.
 
         A track without a point is as far away as its three neighbours in the image.
@@ -217,9 +197,7 @@ class WindowedMap:
         depth: FloatArray = np.maximum(points[:, 2], 1e-3)
         has_depth = np.isfinite(depth)
         if has_depth.sum() >= 3:
-            _, neighbours = cKDTree(pixels[has_depth]).query(
-                pixels[~has_depth], k=3
-            )
+            _, neighbours = cKDTree(pixels[has_depth]).query(pixels[~has_depth], k=3)
             inverse_depth = 1 / depth[has_depth]
             depth[~has_depth] = 1 / inverse_depth[neighbours].mean(axis=1)
         else:
@@ -232,13 +210,9 @@ class WindowedMap:
 
     def parallax(self, cam_from_world: FloatArray) -> float:
         """Return the median shift on z = 1 of tracks since the newest keyframe, beyond rotation."""
-        cam_from_keyframe = cam_from_world @ se3.inverse(
-            self.keyframes[-1].cam_from_world
-        )
+        cam_from_keyframe = cam_from_world @ se3.inverse(self.keyframes[-1].cam_from_world)
         rays_keyframe = self.rays(self.observations[-1])
-        shift = parallax(
-            cam_from_keyframe, rays_keyframe, self.rays(self.pixels)
-        )
+        shift = parallax(cam_from_keyframe, rays_keyframe, self.rays(self.pixels))
         shift = shift[np.isfinite(shift)]
         return float(np.median(shift)) if len(shift) else 0.0
 
@@ -254,13 +228,9 @@ class WindowedMap:
         is_good = is_near & ~is_outlier.any(axis=0)
         return np.where(is_good[:, None], points, np.nan)
 
-    def _is_outlier(
-        self, points: FloatArray, observations: FloatArray
-    ) -> BoolArray:
+    def _is_outlier(self, points: FloatArray, observations: FloatArray) -> BoolArray:
         """Return which observations [K, M] have large errors; there may be none of some points."""
-        errors = reprojection_errors(
-            points, self.rays(observations), self.cam_from_world
-        )
+        errors = reprojection_errors(points, self.rays(observations), self.cam_from_world)
         return errors > self.policy.max_reprojection_error * self.noise
 
     def _drop_oldest(self, count: int) -> None:
@@ -274,9 +244,7 @@ class WindowedMap:
         self.track_ids = self.track_ids[mask]
 
 
-def largest_parallax(
-    rays: FloatArray, cam_from_world: FloatArray
-) -> FloatArray:
+def largest_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
     """Return the largest chord [M] between the first ray of each point and its others.
 
     Rays [K, M, 2] are NaN where a keyframe does not observe a point.

@@ -56,9 +56,7 @@ class CornerTracker:
         is_visible = np.zeros(pixels.shape[:2], dtype=bool)
         is_visible[reference] = True
         height = images.shape[1]
-        window_px = (
-            int(self.window_px * max(1, height / self.tall_px)) | 1
-        )  # odd
+        window_px = int(self.window_px * max(1, height / self.tall_px)) | 1  # odd
         backward = range(reference - 1, -1, -1)
         forward = range(reference + 1, len(images))
         for steps in (backward, forward):
@@ -69,15 +67,13 @@ class CornerTracker:
                 tracked = is_visible[before]
                 pixels[step] = pixels[before]
                 if tracked.any():
-                    pixels[step, tracked], is_visible[step, tracked], _ = (
-                        track_points(
-                            (images[before], images[step]),
-                            pixels[before, tracked],
-                            pixels[before, tracked] + motion[tracked],
-                            window_px,
-                            num_levels,
-                            max_return_px=self.max_return_px,
-                        )
+                    pixels[step, tracked], is_visible[step, tracked], _ = track_points(
+                        (images[before], images[step]),
+                        pixels[before, tracked],
+                        pixels[before, tracked] + motion[tracked],
+                        window_px,
+                        num_levels,
+                        max_return_px=self.max_return_px,
                     )
                 motion = pixels[step] - pixels[before]
                 num_levels = (2, 1)  # the last motion is a good prediction
@@ -93,9 +89,7 @@ class CornerTracker:
         middle[:, margin : width - margin] = 255
         max_corners = int(self.max_corners * aspect)
         spacing_px = self.spacing_fraction * height
-        corners = cv2.goodFeaturesToTrack(
-            image, max_corners, self.quality, spacing_px, mask=middle
-        )
+        corners = cv2.goodFeaturesToTrack(image, max_corners, self.quality, spacing_px, mask=middle)
         if corners is None:
             return np.zeros((0, 2), np.float32)
         return corners.reshape(-1, 2)
@@ -182,18 +176,12 @@ class Registration:
 
     def __post_init__(self) -> None:
         if self.num_frames < 2:
-            raise BadData(
-                f"registration: num_frames is {self.num_frames}, expected 2 or more"
-            )
+            raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
 
     @property
     def needs(self) -> PrivilegedInput:
         """Return the uncropped frames if they are used, else nothing."""
-        return (
-            PrivilegedInput.FULL_FRAMES
-            if self.frames == "full"
-            else PrivilegedInput.NONE
-        )
+        return PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
@@ -247,9 +235,6 @@ def direction_correction(
     if not is_reliable.any():
         return np.eye(3)
     lengths = distance * np.linalg.norm(after, axis=1)
-    turns = (
-        np.cross(before[is_reliable], after[is_reliable])
-        / lengths[is_reliable, None]
-    )
+    turns = np.cross(before[is_reliable], after[is_reliable]) / lengths[is_reliable, None]
     twist = np.concatenate([np.zeros(3), persistence * turns.mean(axis=0)])
     return se3.exp(twist)[:3, :3]

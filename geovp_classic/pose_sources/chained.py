@@ -47,9 +47,7 @@ class ContinuedRecording(ABC):
     needs = PrivilegedInput.PAST_POSES
 
     @abstractmethod
-    def forecast(
-        self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
-    ) -> FloatArray:
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Return futures [S, F, 4, 4], which a subclass forecasts."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:

@@ -45,13 +45,9 @@ class Commanded:
         if self.futures is None:
             return
         if self.turn_deg_s != 0:
-            raise BadData(
-                "a trajectory file already commands the turns: leave turn_deg_s out"
-            )
+            raise BadData("a trajectory file already commands the turns: leave turn_deg_s out")
         if not self.futures.is_file():
-            raise BadData(
-                f"{self.futures} is missing, expected a TUM or KITTI trajectory"
-            )
+            raise BadData(f"{self.futures} is missing, expected a TUM or KITTI trajectory")
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and the commanded future; raise Incompatible without poses."""
@@ -69,13 +65,9 @@ class Commanded:
         else:
             last_from_cam = _read_kitti(self.futures, len(ahead_s))
         futures = past.world_from_cam[-1] @ last_from_cam
-        return Motion(
-            past, futures[None], np.ones(context.num_past, dtype=bool)
-        )
+        return Motion(past, futures[None], np.ones(context.num_past, dtype=bool))
 
-    def _constant_turn(
-        self, past: Trajectory, ahead_s: FloatArray
-    ) -> FloatArray:
+    def _constant_turn(self, past: Trajectory, ahead_s: FloatArray) -> FloatArray:
         """Return last_from_cam [F, 4, 4] of the commanded speed and turn rate."""
         if not past.is_metric:
             raise Incompatible(
@@ -95,9 +87,7 @@ def _read_tum(path: Path, ahead_s: FloatArray) -> FloatArray:
             f"{path} lasts {command_s[-1]:.3g} s, expected at least the {ahead_s[-1]:.3g} s to "
             "predict"
         )
-    last_from_cam = (
-        se3.inverse(commanded.world_from_cam[0]) @ commanded.world_from_cam
-    )
+    last_from_cam = se3.inverse(commanded.world_from_cam[0]) @ commanded.world_from_cam
     return se3.interpolate(last_from_cam, command_s, ahead_s)
 
 

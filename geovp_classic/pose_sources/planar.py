@@ -28,15 +28,11 @@ class Planar:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the source's motion with planar futures."""
-        motion = self.source.estimate(
-            context.only(self.source.needs), num_samples
-        )
+        motion = self.source.estimate(context.only(self.source.needs), num_samples)
         pitch_rad = np.radians(self.pitch_deg)
         roll_rad = np.radians(self.roll_deg)
         vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
         world_from_last = motion.past.world_from_cam[-1]
-        states = planar.reduce(
-            motion.futures, world_from_last, vehicle_from_cam
-        )
+        states = planar.reduce(motion.futures, world_from_last, vehicle_from_cam)
         futures = planar.lift(states, world_from_last, vehicle_from_cam)
         return Motion(motion.past, futures, motion.tracked)

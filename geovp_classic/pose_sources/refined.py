@@ -26,9 +26,7 @@ class Refined:
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the refined motion."""
-        motion = self.source.estimate(
-            context.only(self.source.needs), num_samples
-        )
+        motion = self.source.estimate(context.only(self.source.needs), num_samples)
         for refinement in self.refinements:
             motion = refinement.refine(context.only(refinement.needs), motion)
         return motion

@@ -15,6 +15,4 @@ class CopyLast:
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Repeat the last frame F times, as one sample."""
-        return Prediction(
-            np.tile(context.frames[-1], (1, context.num_future, 1, 1, 1))
-        )
+        return Prediction(np.tile(context.frames[-1], (1, context.num_future, 1, 1, 1)))

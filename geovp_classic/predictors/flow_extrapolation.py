@@ -76,16 +76,12 @@ class FlowExtrapolation:
             )
             pixels = grid + step_px + shift
             # pixels outside of the image have no source
-            before = cv2.remap(
-                has_source.astype(np.uint8), u, v, cv2.INTER_NEAREST
-            )
+            before = cv2.remap(has_source.astype(np.uint8), u, v, cv2.INTER_NEAREST)
             has_source = is_consistent & (before > 0)
             maps.append((pixels, has_source))
         return warped_prediction(last, maps, self.inpainter)
 
-    def _backward_flow(
-        self, before: ByteArray, now: ByteArray
-    ) -> tuple[FloatArray, BoolArray]:
+    def _backward_flow(self, before: ByteArray, now: ByteArray) -> tuple[FloatArray, BoolArray]:
         """Return the flow [H, W, 2] from an image to the one before it, in pixels.
 
         The second array [H, W] states where the flow back agrees with it.
@@ -106,7 +102,5 @@ class FlowExtrapolation:
             np.linalg.norm(backward, axis=-1),
             np.linalg.norm(returning, axis=-1),
         )
-        limit_px = np.hypot(
-            self.max_inconsistency * length_px, self.max_inconsistency_px
-        )
+        limit_px = np.hypot(self.max_inconsistency * length_px, self.max_inconsistency_px)
         return backward, inconsistency_px <= limit_px

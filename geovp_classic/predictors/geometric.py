@@ -47,9 +47,7 @@ class GeometricPredictor:
 
     def estimate(self, observed: Observed, num_samples: int = 1) -> Motion:
         """Estimate the past and future motion of the camera."""
-        return self.pose_source.estimate(
-            observed.context.only(self.pose_source.needs), num_samples
-        )
+        return self.pose_source.estimate(observed.context.only(self.pose_source.needs), num_samples)
 
     def reconstruct(self, observed: Observed, past: Trajectory) -> CheckedScene:
         """Reconstruct the scene, which depends on the past alone, and hindcast the past."""
@@ -76,10 +74,7 @@ class GeometricPredictor:
 def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
     times_s = context.times_s[context.num_past :]
-    samples = [
-        scene.view(future, times_s, context.intrinsics)
-        for future in motion.futures
-    ]
+    samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
     frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])
     num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)

@@ -54,9 +54,7 @@ class Hindcast:
         width_px = max(1, round(camera.width_px * scale))
         return width_px, max(1, round(camera.height_px * scale))
 
-    def errors(
-        self, scene: Scene, context: Context, past: Trajectory
-    ) -> tuple[float, float]:
+    def errors(self, scene: Scene, context: Context, past: Trajectory) -> tuple[float, float]:
         """Return the mean error of the scene and that of copies, in grey values.
 
         The context was observed. Only covered pixels are compared; the scene's error is infinite
@@ -76,9 +74,7 @@ class Hindcast:
         )
         last_frame = pinhole.resize(context.frames[-1], size_px)
         errors = []  # of the scene and of copies
-        for step, predicted, covered in zip(
-            steps, views.frames, views.covered, strict=True
-        ):
+        for step, predicted, covered in zip(steps, views.frames, views.covered, strict=True):
             if covered.any():
                 frame = pinhole.resize(context.frames[step], size_px)
                 scene_error = _error(predicted, frame, covered)
@@ -127,9 +123,7 @@ class CheckedScene:
         return Views(frames, views.covered | is_copied, views.depths)
 
 
-def _error(
-    predicted: ByteArray, actual: ByteArray, covered: BoolArray
-) -> float:
+def _error(predicted: ByteArray, actual: ByteArray, covered: BoolArray) -> float:
     """Return the mean absolute difference of covered pixels at equal mean brightness."""
     is_covered = covered.astype(np.uint8)
     actual_mean = np.mean(cv2.mean(actual, is_covered)[:3])

@@ -58,9 +58,7 @@ class HomographyExtrapolation:
 
     def _homography(self, before: ByteArray, now: ByteArray) -> FloatArray:
         """Return the homography [3, 3] from an image to the one before it, with determinant 1."""
-        corners = self.corners.select(
-            self.corners.detect(before), np.zeros((0, 2)), before
-        )
+        corners = self.corners.select(self.corners.detect(before), np.zeros((0, 2)), before)
         tracked, is_tracked = self.corners.track(before, now, corners, corners)
         homography, num_inliers = None, 0
         if is_tracked.sum() >= self.min_inliers:

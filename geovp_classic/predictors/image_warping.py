@@ -18,9 +18,7 @@ from geovp_classic.types import (
 )
 
 
-def last_greys(
-    context: Context, num_frames: int
-) -> tuple[ByteArray, FloatArray, Source]:
+def last_greys(context: Context, num_frames: int) -> tuple[ByteArray, FloatArray, Source]:
     """Return grey images [N, H, W] and times [N] of the last usable frames, and the last frame.
 
     Raise Incompatible for fewer than N usable frames.

@@ -37,9 +37,7 @@ class Recorded:
     def __post_init__(self) -> None:
         for folder in filter(None, (self.path, self.poses)):
             if not folder.is_dir():
-                raise BadData(
-                    f"{folder} is not a folder: give the one with a file for each clip"
-                )
+                raise BadData(f"{folder} is not a folder: give the one with a file for each clip")
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Read the recorded frames; raise BadData if they are missing or do not fit the clip."""
@@ -57,9 +55,7 @@ class Recorded:
         samples = slice(num_samples if len(images) > 1 else 1)
         expected = (samples.stop, context.num_future, *context.frames.shape[1:])
         if images[samples].shape != expected:
-            raise BadData(
-                f"{path}: frames of shape {images.shape}, expected {expected}"
-            )
+            raise BadData(f"{path}: frames of shape {images.shape}, expected {expected}")
         covered = None if covered is None else covered[samples]
         motion = self._motion(context)
         try:
@@ -82,21 +78,13 @@ class Recorded:
             return None
         path = self.poses / f"{context.name}.txt"
         times_s = context.times_s
-        recorded = pose_files.read_trajectory(
-            path, times_s, is_metric=self.poses_are_metric
-        )
+        recorded = pose_files.read_trajectory(path, times_s, is_metric=self.poses_are_metric)
         if len(recorded) != len(times_s):
-            raise BadData(
-                f"{path}: {len(recorded)} poses, expected one of {len(times_s)} frames"
-            )
+            raise BadData(f"{path}: {len(recorded)} poses, expected one of {len(times_s)} frames")
         num_past = context.num_past
         poses = recorded.world_from_cam
-        past = Trajectory(
-            poses[:num_past], times_s[:num_past], self.poses_are_metric
-        )
-        return Motion(
-            past, poses[None, num_past:], np.ones(num_past, dtype=bool)
-        )
+        past = Trajectory(poses[:num_past], times_s[:num_past], self.poses_are_metric)
+        return Motion(past, poses[None, num_past:], np.ones(num_past, dtype=bool))
 
 
 def _read_images(folder: Path) -> ByteArray:

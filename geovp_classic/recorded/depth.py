@@ -50,9 +50,7 @@ class RecordedDepth:
 
     def __post_init__(self) -> None:
         paths.check_exists(self.path, "a folder with a depth map per frame")
-        if not self.unit > 0 or (
-            self.values == "disparity" and not self.align and self.unit == 1
-        ):
+        if not self.unit > 0 or (self.values == "disparity" and not self.align and self.unit == 1):
             raise BadData(
                 f"unit is {self.unit}, expected a positive number; disparities need 1 / (focal "
                 "length x baseline), or align = true"
@@ -63,9 +61,7 @@ class RecordedDepth:
         """Return the inputs of the alignment."""
         return self.alignment.needs if self.align else PrivilegedInput.NONE
 
-    def inverse_depths(
-        self, context: Context, past: Trajectory
-    ) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] and confidence [P, H, W]: 1 where it is known, else 0.
 
         Frames without a file are unknown. Raises Incompatible if metric depth meets poses that are
@@ -90,9 +86,7 @@ class RecordedDepth:
     def _read(self, file: Path, camera: Intrinsics) -> FloatArray:
         """Return the inverse depth [H, W] of one frame, NaN where it is unknown."""
         stored = _read_map(file)
-        stored_camera = Intrinsics(
-            1.0, 1.0, 0.0, 0.0, stored.shape[1], stored.shape[0]
-        )
+        stored_camera = Intrinsics(1.0, 1.0, 0.0, 0.0, stored.shape[1], stored.shape[0])
         size_px = (camera.width_px, camera.height_px)
         if self.frames == "full":
             window, _ = pinhole.centre_crop(stored_camera, size_px)
@@ -141,9 +135,7 @@ def _read_exr(file: Path) -> FloatArray:
             f"EXR files need OpenEXR, which is not installed: {install_command('exr')}"
         ) from problem
     with (
-        files.checked(
-            f"{file} cannot be read", "restore it, or give npz files"
-        ),
+        files.checked(f"{file} cannot be read", "restore it, or give npz files"),
         OpenEXR.File(str(file), separate_channels=True) as image,
     ):
         return next(iter(image.channels().values())).pixels

@@ -45,9 +45,7 @@ class RecordedOdometry:
     path: Path
     # "metric": the file is in metres. A scale such as "ground-plane" measures them.
     scale: Literal["metric"] | Scale = "metric"
-    max_difference_s: float = (
-        0.02  # between the times of a frame and its pose, as in TUM's tools
-    )
+    max_difference_s: float = 0.02  # between the times of a frame and its pose, as in TUM's tools
 
     def __post_init__(self) -> None:
         paths.check_exists(self.path, "a TUM or KITTI trajectory")
@@ -55,9 +53,7 @@ class RecordedOdometry:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the inputs of the scale."""
-        return (
-            PrivilegedInput.NONE if self.scale == "metric" else self.scale.needs
-        )
+        return PrivilegedInput.NONE if self.scale == "metric" else self.scale.needs
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """Return the past trajectory [P], and which poses are in the file [P].
@@ -70,9 +66,7 @@ class RecordedOdometry:
         world_from_cam: FloatArray = np.tile(np.eye(4), (len(times_s), 1, 1))
         if tracked.sum() >= 2:
             observed = poses[rows[tracked]]
-            world_from_cam = se3.interpolate(
-                observed, times_s[tracked], times_s
-            )
+            world_from_cam = se3.interpolate(observed, times_s[tracked], times_s)
         if self.scale == "metric":
             return Trajectory(world_from_cam, times_s, is_metric=True), tracked
         view = stream(context, "crop")
@@ -83,13 +77,9 @@ class RecordedOdometry:
         ]
         odometry = Monocular(self.scale)
         path = monocular.Path(images, world_from_cam, tracked & view.is_usable)
-        estimator = odometry.fit_scale(
-            path, view.intrinsics, context.camera_height_m
-        )
+        estimator = odometry.fit_scale(path, view.intrinsics, context.camera_height_m)
         world_from_cam[:, :3, 3] *= estimator.unit
-        return odometry.trajectory(
-            world_from_cam, times_s, estimator.uncertainty
-        ), tracked
+        return odometry.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
     def _read(self, context: Context) -> tuple[FloatArray, IntArray]:
         """Return all poses [N, 4, 4] and the row [P] of each observed frame, -1 if it is lost."""

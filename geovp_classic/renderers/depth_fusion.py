@@ -45,9 +45,7 @@ class DepthFusion:
 
     def __post_init__(self) -> None:
         if self.num_frames < 1:
-            raise BadData(
-                f"num_frames is {self.num_frames}, expected 1 or more observed frames"
-            )
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
         if not (0 < self.max_depth_difference < 1 and self.crack_px >= 0):
             raise BadData(
                 f"max_depth_difference is {self.max_depth_difference} and crack_px "
@@ -64,9 +62,7 @@ class DepthFusion:
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Return the fused cloud of the last frames, in the world frame and unit of the past."""
-        recent, past = recent_frames(
-            context.only(self.needs), past, self.frames, self.num_frames
-        )
+        recent, past = recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
         last_s = float(past.times_s[-1])
 
         depths, confidence = self.depth.inverse_depths(recent, past)
@@ -101,7 +97,5 @@ class DepthFusion:
         )
         if self.exposure is not None:
             is_whole = self.frames == "full"
-            scene = ExposedScene(
-                scene, sources[-1], exposure, self.exposure, last_s, is_whole
-            )
+            scene = ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, is_whole)
         return scene

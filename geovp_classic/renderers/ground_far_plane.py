@@ -46,9 +46,7 @@ class GroundFarPlane:
 
     needs = PrivilegedInput.CAMERA_HEIGHT
 
-    def reconstruct(
-        self, context: Context, past: Trajectory
-    ) -> "GroundFarScene":
+    def reconstruct(self, context: Context, past: Trajectory) -> "GroundFarScene":
         """Return the two planes; raise Incompatible without a camera height or metric poses."""
         context, past = recent(context, past, "crop", len(past))
         if context.camera_height_m is None:
@@ -59,16 +57,10 @@ class GroundFarPlane:
             raise Incompatible(
                 "the camera's height is in metres, the poses are not: give the odometry a scale"
             )
-        level_from_cam = planar.level_vehicle_from_cam(
-            self._pitch_rad(past), self._roll_rad
-        )
+        level_from_cam = planar.level_vehicle_from_cam(self._pitch_rad(past), self._roll_rad)
         normal_last = level_from_cam[1, :3]
-        last = Source(
-            context.frames[-1], context.intrinsics, past.world_from_cam[-1]
-        )
-        return GroundFarScene(
-            last, normal_last, context.camera_height_m, self.inpainter
-        )
+        last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
+        return GroundFarScene(last, normal_last, context.camera_height_m, self.inpainter)
 
     @property
     def _roll_rad(self) -> float:
@@ -103,30 +95,22 @@ class GroundFarScene:
     ) -> Views:
         """Return the views from the poses [F, 4, 4]; uncovered outside the last frame."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        return inpainted_views(
-            views, self.inpainter, resampled(self.last, intrinsics)
-        )
+        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
 
     def _view(
         self, world_from_cam: FloatArray, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Return frame [H, W, 3], coverage and depth [H, W] from one pose."""
         inverse_depth = self._inverse_depth(world_from_cam, intrinsics)
-        frame, covered, _, _ = warp(
-            self.last, inverse_depth, world_from_cam, intrinsics
-        )
+        frame, covered, _, _ = warp(self.last, inverse_depth, world_from_cam, intrinsics)
         return frame, covered, patches.depths(inverse_depth, covered)
 
-    def _inverse_depth(
-        self, world_from_cam: FloatArray, intrinsics: Intrinsics
-    ) -> FloatArray:
+    def _inverse_depth(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
         """Return the inverse depth [H, W]: of the ground below this view's horizon, 0 above it.
 
         It is NaN on the ground when the camera is below the ground.
         """
-        last_from_cam = (
-            se3.inverse(self.last.world_from_source) @ world_from_cam
-        )
+        last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam
         normal_cam = self.normal_last @ last_from_cam[:3, :3]
         height_m = self.height_m - self.normal_last @ last_from_cam[:3, 3]
         below_horizon = pinhole.rays(intrinsics) @ normal_cam

@@ -35,9 +35,7 @@ class VolumeFusion:
 
     def __post_init__(self) -> None:
         if self.num_frames < 1:
-            raise BadData(
-                f"num_frames is {self.num_frames}, expected 1 or more observed frames"
-            )
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
         if not 0 < self.max_depth_difference < 1:
             raise BadData(
                 f"max_depth_difference is {self.max_depth_difference}, expected a fraction "

@@ -44,9 +44,7 @@ class ToneCurve:
     def values(self, log_gain: float) -> FloatArray:
         """Return new values [256], at most 255, of the grey values 0 to 255."""
         brighter = np.arange(256) * math.exp(log_gain)
-        return np.minimum(
-            brighter + self._highlight(log_gain) * self._saturation, 255
-        )
+        return np.minimum(brighter + self._highlight(log_gain) * self._saturation, 255)
 
     def apply(self, frame: ByteArray, log_gain: float) -> ByteArray:
         """Return the frame [H, W, 3] or [H, W] after a change of exposure."""
@@ -124,9 +122,7 @@ class ExposureEstimator:
     ) -> Exposure:
         """Return the exposure; it is constant for a single frame."""
         seconds = past.times_s - past.times_s[-1]
-        gains = self._log_gains(
-            greys, camera, past.world_from_cam, inverse_depth
-        )
+        gains = self._log_gains(greys, camera, past.world_from_cam, inverse_depth)
         steps = np.diff(gains, append=0.0)
         durations = np.diff(seconds, append=0.0)
         is_jump = np.abs(steps) > self.min_jump_hz * durations
@@ -147,9 +143,7 @@ class ExposureEstimator:
 
         variance = float((np.diff(controlled) ** 2).mean())
         confidence = variance / (variance + self.steady_log_gain**2)
-        return Exposure(
-            seconds, gains, rate, level, confidence, self.tone_curve
-        )
+        return Exposure(seconds, gains, rate, level, confidence, self.tone_curve)
 
     def _log_gains(
         self,
@@ -170,19 +164,13 @@ class ExposureEstimator:
         is_valid = self._is_comparable(images[-1], images[-1])
 
         def log_gain(step: int) -> float:
-            cam_from_last = (
-                se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
-            )
+            cam_from_last = se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
             pixels, ratio = Epipolar.of(small, cam_from_last).project(depth)
             u, v = cv2.split(pixels)
             warped: FloatArray = np.asarray(
                 cv2.remap(images[step], u, v, cv2.INTER_LINEAR), np.float32
             )  # 0 outside
-            is_used = (
-                is_valid
-                & (ratio > 0)
-                & self._is_comparable(warped, images[step])
-            )
+            is_used = is_valid & (ratio > 0) & self._is_comparable(warped, images[step])
             if is_used.mean() < self.min_valid_fraction:
                 return 0.0
             ratio = images[-1][is_used] / warped[is_used]
@@ -194,14 +182,10 @@ class ExposureEstimator:
     def _small(self, grey: ByteArray, size_px: tuple[int, int]) -> FloatArray:
         """Return a smaller image [h, w] float32 without its finest detail."""
         small = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
-        blurred = cv2.GaussianBlur(
-            small.astype(np.float32), (0, 0), self.blur_px
-        )
+        blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
         return np.asarray(blurred)
 
-    def _is_comparable(
-        self, warped: FloatArray, image: FloatArray
-    ) -> BoolArray:
+    def _is_comparable(self, warped: FloatArray, image: FloatArray) -> BoolArray:
         """Return where [h, w] a warped image is neither dark nor saturated."""
         mean = float(image.mean())
         darkest = min(self.min_grey, self.min_mean_fraction * mean)
@@ -239,9 +223,7 @@ class ExposureControl:
         the histogram changes linearly from the last frame's to that of the image then.
         """
         if since_s <= 0:
-            return float(
-                -np.interp(since_s, observed.seconds, observed.log_gains)
-            )
+            return float(-np.interp(since_s, observed.seconds, observed.log_gains))
         num_steps = max(1, round(since_s / self.step_s))
         dt_s = since_s / num_steps
         decay = math.exp(-dt_s / self.inertia_s)
@@ -254,10 +236,7 @@ class ExposureControl:
             gain = gain + rate_hz * dt_s
             gain = min(max(gain, -self.max_log_gain), self.max_log_gain)
             mixed = last + fraction * (histogram - last)
-            error = (
-                _log(float(mixed @ observed.tone_curve.values(gain)))
-                - log_level
-            )
+            error = _log(float(mixed @ observed.tone_curve.values(gain))) - log_level
         return gain
 
 

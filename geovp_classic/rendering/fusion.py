@@ -73,9 +73,7 @@ def hidden_from(
     They lie outside its image or behind its surfaces. A surface in front of those would be visible
     in the later frame: its depth is wrong, so it does not count as hidden.
     """
-    pixels, ratio = later.project(
-        inverse_depth, source.world_from_source, source.camera
-    )
+    pixels, ratio = later.project(inverse_depth, source.world_from_source, source.camera)
     u, v = cv2.split(pixels)
     shown_depth = cv2.remap(
         later_depth,
@@ -117,9 +115,7 @@ class CloudScene:
             step: int,
         ) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
             source_index = source_of_patch[winner[step]]
-            inverse_depth, source_index = close_cracks(
-                z_buffer[step], source_index, self.crack_px
-            )
+            inverse_depth, source_index = close_cracks(z_buffer[step], source_index, self.crack_px)
             inverse_depth = smooth(inverse_depth, source_index)
             frame, covered, magnification = sampler.sample(
                 inverse_depth, source_index, world_from_cam[step]
@@ -133,9 +129,7 @@ class CloudScene:
 
         rendered = parallel_map(render, range(len(world_from_cam)))
         last = resampled(self.sources[0], intrinsics)
-        views = inpainted_views(
-            [view[:3] for view in rendered], self.inpainter, last
-        )
+        views = inpainted_views([view[:3] for view in rendered], self.inpainter, last)
         if self.detail is None:
             return views
         magnification = [view[3] for view in rendered]
@@ -187,7 +181,5 @@ def smooth(
     kernel = np.ones((3, 3), np.uint8)
     is_inner = cv2.erode(index, kernel) == cv2.dilate(index, kernel)
     for _ in range(2):
-        inverse_depth = np.where(
-            is_inner, cv2.medianBlur(inverse_depth, 3), inverse_depth
-        )
+        inverse_depth = np.where(is_inner, cv2.medianBlur(inverse_depth, 3), inverse_depth)
     return inverse_depth

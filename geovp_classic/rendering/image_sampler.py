@@ -23,9 +23,7 @@ class ImageSampler:
     @classmethod
     def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Self:
         """Return the sampler of at least one source."""
-        return cls(
-            camera, sources, [source.shrunk(camera) for source in sources]
-        )
+        return cls(camera, sources, [source.shrunk(camera) for source in sources])
 
     def sample(
         self,
@@ -39,16 +37,10 @@ class ImageSampler:
         """
         layers = []  # colours from each source, 0 where it is not shown
         magnification = np.full(source_index.shape, np.inf, np.float32)
-        for index, (fine, coarse) in enumerate(
-            zip(self.fine, self.coarse, strict=True)
-        ):
-            pixels, ratio = fine.project(
-                inverse_depth, world_from_cam, self.camera
-            )
+        for index, (fine, coarse) in enumerate(zip(self.fine, self.coarse, strict=True)):
+            pixels, ratio = fine.project(inverse_depth, world_from_cam, self.camera)
             is_shown = (source_index == index) & fine.is_visible(pixels, ratio)
-            magnified = ratio * (
-                self.camera.fx_px / (fine.camera.fx_px * fine.resolution)
-            )
+            magnified = ratio * (self.camera.fx_px / (fine.camera.fx_px * fine.resolution))
             layers.append(_blend(fine, coarse, pixels, is_shown, magnified))
             magnification = np.where(is_shown, magnified, magnification)
         colours = functools.reduce(np.add, layers)

@@ -20,16 +20,12 @@ def inpainted_views(
     last: ByteArray,  # [H, W, 3], the last observed frame at the size of the views
 ) -> Views:
     """Return views with their uncovered pixels inpainted."""
-    frames, covered, depths = (
-        np.stack(maps) for maps in zip(*views, strict=True)
-    )
+    frames, covered, depths = (np.stack(maps) for maps in zip(*views, strict=True))
     stacked = Views(frames, covered, depths)
     return Views(inpainter.inpaint(stacked, last), covered, depths)
 
 
-def inpaint_each(
-    views: Views, last: ByteArray, inpaint_frame: InpaintFrame
-) -> ByteArray:
+def inpaint_each(views: Views, last: ByteArray, inpaint_frame: InpaintFrame) -> ByteArray:
     """Inpaint view by view; a view without any covered pixel becomes the last frame."""
 
     def inpaint_step(step: int) -> ByteArray:

@@ -107,9 +107,7 @@ class PatchModel:
 
         Pixels without a patch have inverse depth -1 and number NO_INDEX.
         """
-        source_px = (
-            sources[0].camera.fx_px / camera.fx_px
-        )  # pixels of a source per pixel
+        source_px = sources[0].camera.fx_px / camera.fx_px  # pixels of a source per pixel
         stride = max(1, int(self.coarse_patch_px * source_px))
         used = np.arange(len(cloud))
         if stride > 1:

@@ -42,9 +42,7 @@ class Source:
         magnification of surfaces that face the camera. It is not positive behind the source.
         """
         source_from_cam = se3.inverse(self.world_from_source) @ world_from_cam
-        return Epipolar.of(camera, source_from_cam, self.camera).project(
-            inverse_depth
-        )
+        return Epipolar.of(camera, source_from_cam, self.camera).project(inverse_depth)
 
     def is_visible(
         self, pixels: FloatArray, ratio: FloatArray, min_ratio: float = 1e-3
@@ -147,9 +145,7 @@ def resampled(source: Source, camera: Intrinsics) -> ByteArray:
         return source.frame
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     pixels, _ = source.project(infinity, source.world_from_source, camera)
-    size_px = np.array(
-        [source.camera.width_px, source.camera.height_px], np.float32
-    )
+    size_px = np.array([source.camera.width_px, source.camera.height_px], np.float32)
     inside_pixels = np.clip(pixels, 0, size_px - 1)
     everywhere = np.ones(infinity.shape, bool)
     colours = source.shrunk(camera).sample(inside_pixels, everywhere)

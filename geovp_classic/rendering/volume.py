@@ -54,15 +54,11 @@ class Volume:
         cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
         # A camera that backs up is farther from the volume.
         max_depth = 2 * settings.reach
-        with o3d.utility.VerbosityContextManager(
-            o3d.utility.VerbosityLevel.Error
-        ):
+        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             maps = self.grid.ray_cast(
                 blocks,
                 o3d.core.Tensor.from_numpy(camera.matrix),
-                o3d.core.Tensor.from_numpy(
-                    _scaled(cam_from_volume, 1 / self.unit)
-                ),
+                o3d.core.Tensor.from_numpy(_scaled(cam_from_volume, 1 / self.unit)),
                 camera.width_px,
                 camera.height_px,
                 ["depth", "color"],
@@ -125,25 +121,17 @@ class VolumeSettings:
         matrix = core.Tensor.from_numpy(camera.matrix)
         cam_from_last = se3.inverse(world_from_cam) @ world_from_cam[-1]
         for step, frame in enumerate(frames):
-            is_used = is_known[step] & (
-                inverse_depths[step] * unit > 1 / self.reach
-            )
+            is_used = is_known[step] & (inverse_depths[step] * unit > 1 / self.reach)
             if not is_used.any():
                 continue
             safe = np.where(is_used, inverse_depths[step], 1)
             depth = np.where(is_used, 1 / (unit * safe), 0)
             depth_map = _image(depth[..., None])
-            extrinsic = core.Tensor.from_numpy(
-                _scaled(cam_from_last[step], 1 / unit)
-            )
+            extrinsic = core.Tensor.from_numpy(_scaled(cam_from_last[step], 1 / unit))
             limits = (1.0, self.reach, self.truncation_voxels)
-            blocks = grid.compute_unique_block_coordinates(
-                depth_map, matrix, extrinsic, *limits
-            )
+            blocks = grid.compute_unique_block_coordinates(depth_map, matrix, extrinsic, *limits)
             image = _image(frame / 255)
-            grid.integrate(
-                blocks, depth_map, image, matrix, matrix, extrinsic, *limits
-            )
+            grid.integrate(blocks, depth_map, image, matrix, matrix, extrinsic, *limits)
         volume = Volume(grid, world_from_cam[-1], unit, self)
         # Open3D 0.20 leaves holes in any cast that needs a larger map of ranges than all before
         # it. A first cast with many more cells than later ones need is therefore thrown away.
@@ -170,9 +158,7 @@ class VolumeScene:
     ) -> Views:
         """Return the views of the volume and the far plane from the poses [F, 4, 4]."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        return inpainted_views(
-            views, self.inpainter, resampled(self.last, intrinsics)
-        )
+        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
 
     def _view(
         self, world_from_cam: FloatArray, camera: Intrinsics
@@ -183,9 +169,7 @@ class VolumeScene:
         is_solid = np.isfinite(inverse_depth)
         # Pixels without a surface may lie on the far plane.
         plane_depth = np.where(is_solid, inverse_depth, 0)
-        last_colours, is_shown, is_beyond = self._from_last(
-            plane_depth, world_from_cam, camera
-        )
+        last_colours, is_shown, is_beyond = self._from_last(plane_depth, world_from_cam, camera)
         is_last = is_shown & (is_solid | is_beyond)
         is_voxel = is_solid & (colours > 0).any(axis=-1)
         covered = is_last | is_voxel
@@ -205,18 +189,12 @@ class VolumeScene:
         Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither outside
         its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
         """
-        colours, is_inside, pixels, ratio = warp(
-            self.last, inverse_depth, world_from_cam, camera
-        )
+        colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
         u, v = cv2.split(pixels)
         last_depth = cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST)
         depth_in_last = inverse_depth / np.where(is_inside, ratio, 1)
-        is_in_front = depth_in_last >= last_depth * (
-            1 - self.max_depth_difference
-        )
-        is_beyond = (
-            last_depth * self.volume.unit * self.volume.settings.reach <= 1
-        )
+        is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
+        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
         return (
             colours,
             is_inside & (is_in_front | (inverse_depth == 0)),

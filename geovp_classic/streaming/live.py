@@ -49,9 +49,7 @@ class LiveView:
     age_s: float  # of the newest frame
     # Planned track of the camera on the ground, in pixels; empty without metres
     path_px: FloatArray  # [M, 2], NaN behind the camera
-    path_sides_px: (
-        FloatArray  # [2, M, 2], the left and right edge of its uncertainty
-    )
+    path_sides_px: FloatArray  # [2, M, 2], the left and right edge of its uncertainty
 
     @property
     def is_predicted(self) -> bool:
@@ -184,9 +182,7 @@ class LivePredictor:
         """
         state = self._state
         if state.newest is None:
-            raise Incompatible(
-                "there is no frame yet: push one before the first view"
-            )
+            raise Incompatible("there is no frame yet: push one before the first view")
         is_metric = bool(commands) or last_from_present is not None
         if is_metric and self._height_m is None:
             raise Incompatible(
@@ -267,9 +263,7 @@ class LivePredictor:
         times_s = [frame.time_s for frame in self._window]
         context = Context(
             frames=np.stack([frame.image for frame in self._window]),
-            times_s=np.array(
-                [*times_s, times_s[-1] + self.settings.path_step_s]
-            ),
+            times_s=np.array([*times_s, times_s[-1] + self.settings.path_step_s]),
             intrinsics=self.intrinsics,
             camera_height_m=self._height_m,
         )
@@ -299,9 +293,7 @@ class LivePredictor:
                 settings.min_frames,
             )
             new = slice(None)
-        for frame, grey in zip(
-            self._window[new], observations.greys[new], strict=True
-        ):
+        for frame, grey in zip(self._window[new], observations.greys[new], strict=True):
             odometry.push(grey, frame.time_s)
         return odometry
 
@@ -309,24 +301,18 @@ class LivePredictor:
         """Return times [F] from the last frame on, and futures [S, F, 4, 4], the central first."""
         settings = self.settings
         end_s = settings.max_ahead_s + settings.path_s
-        ahead_s = np.arange(
-            0, end_s + settings.path_step_s, settings.path_step_s
-        )
+        ahead_s = np.arange(0, end_s + settings.path_step_s, settings.path_step_s)
         times_s = past.times_s[-1] + ahead_s
         forecaster = settings.forecaster
         futures = forecaster.forecast(past, times_s[1:])[:1]
         if past.is_metric and len(past) >= settings.min_frames:
-            samples = forecaster.forecast(
-                past, times_s[1:], settings.num_path_samples
-            )
+            samples = forecaster.forecast(past, times_s[1:], settings.num_path_samples)
             futures = np.concatenate([futures, samples])
         shape = (len(futures), 1, 4, 4)
         last = np.broadcast_to(past.world_from_cam[-1], shape)
         return times_s, np.concatenate([last, futures], axis=1)
 
-    def _warning(
-        self, state: _State, time_s: float, is_given: bool
-    ) -> str | None:
+    def _warning(self, state: _State, time_s: float, is_given: bool) -> str | None:
         """Return why no prediction is to be trusted at a time."""
         present, settings = state.present, self.settings
         num_frames = 0 if present is None else len(present.past)
@@ -362,9 +348,7 @@ class LivePredictor:
         right = path[:, :3, 0]
         half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
         if not is_given and len(present.futures) > 1:
-            sampled = interp1d(
-                present.times_s, present.futures[1:, :, :3, 3], axis=1
-            )(times_s)
+            sampled = interp1d(present.times_s, present.futures[1:, :, :3, 3], axis=1)(times_s)
             lateral = ((sampled - path[:, :3, 3]) * right).sum(axis=-1)
             half_m = np.maximum(half_m, np.sqrt((lateral**2).mean(axis=0)))
         last = present.past.world_from_cam[-1]

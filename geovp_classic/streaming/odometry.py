@@ -67,9 +67,7 @@ class StreamOdometry:
         num_starts = self._tracker.num_starts
         if self._scale is None or num_starts != self._num_starts:
             self._num_starts = num_starts
-            self._scale = self.settings.scale.estimator(
-                self.camera, self._height_m, path.pitch_rad
-            )
+            self._scale = self.settings.scale.estimator(self.camera, self._height_m, path.pitch_rad)
             first = 1
         for now in range(first, num_images):
             before = self._far_enough(path, now, self._scale.unit)

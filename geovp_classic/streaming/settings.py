@@ -20,9 +20,7 @@ class LiveSettings:
     """Components, which are those of the batch pipeline, and when a prediction is not trusted."""
 
     # Its scale is replaced by `UnitSpeed` where the camera's height is unknown.
-    odometry: Monocular = field(
-        default_factory=lambda: Monocular(GroundPlane(max_pairs=60))
-    )
+    odometry: Monocular = field(default_factory=lambda: Monocular(GroundPlane(max_pairs=60)))
     forecaster: Forecaster = MotionPrior()
     # Three sources and 64 planes instead of four and 96 take three quarters of the time
     renderer: Renderer = DepthFusion(

@@ -36,9 +36,7 @@ def store(owner: object, field: str, array: npt.NDArray[Any]) -> None:
     object.__setattr__(owner, field, view)
 
 
-def store_checked(
-    owner: object, field: str, dtype: Any, shape: tuple[int, ...]
-) -> None:
+def store_checked(owner: object, field: str, dtype: Any, shape: tuple[int, ...]) -> None:
     """Check dtype and shape of an array field and make it read-only; skip None."""
     value = getattr(owner, field)
     if value is None:
@@ -57,9 +55,7 @@ def store_times(owner: Any, count: int | None = None) -> None:
     times_s = np.asarray(owner.times_s, dtype=np.float64)
     expected = (times_s.size if count is None else count,)
     if times_s.shape != expected:
-        raise BadData(
-            f"{_name(owner)}: times_s has shape {times_s.shape}, expected {expected}"
-        )
+        raise BadData(f"{_name(owner)}: times_s has shape {times_s.shape}, expected {expected}")
     is_valid = np.isfinite(times_s)
     is_valid[1:] &= np.diff(times_s) > 0
     if not is_valid.all():

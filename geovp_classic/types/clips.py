@@ -45,9 +45,7 @@ class ExtraView(ShortRepr):
     view_from_cam: FloatArray  # [4, 4]; the identity for uncropped frames
 
     def __post_init__(self) -> None:
-        store_checked(
-            self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
-        )
+        store_checked(self, "frames", np.uint8, _shape(self.frames, self.intrinsics))
         store_rigid(self, "view_from_cam", 2)
 
     def __len__(self) -> int:
@@ -93,9 +91,7 @@ class Clip(ShortRepr):
         """Return T, the number of frames."""
         return len(self.frames)
 
-    def split(
-        self, num_past: int, needs: PrivilegedInput
-    ) -> tuple[Context, Target]:
+    def split(self, num_past: int, needs: PrivilegedInput) -> tuple[Context, Target]:
         """Return the context of a predictor with these privileged inputs, and the target."""
         if not 1 <= num_past < len(self):
             raise BadData(
@@ -179,9 +175,7 @@ class Context(ShortRepr):
     full_observations: Observations | None = None
 
     def __post_init__(self) -> None:
-        store_checked(
-            self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
-        )
+        store_checked(self, "frames", np.uint8, _shape(self.frames, self.intrinsics))
         store_times(self)
         if self.steps is None:
             object.__setattr__(self, "steps", np.arange(self.num_past))
@@ -216,9 +210,7 @@ class Context(ShortRepr):
 
     def recent(self, num_frames: int) -> Context:
         """Return the context with only the last `num_frames` observed frames, or all if fewer."""
-        return self.observed(
-            np.arange(self.num_past) >= self.num_past - num_frames
-        )
+        return self.observed(np.arange(self.num_past) >= self.num_past - num_frames)
 
     def observed(self, mask: BoolArray) -> Context:
         """Return the context with only some of the observed frames, by a mask [P]."""
@@ -242,8 +234,7 @@ class Context(ShortRepr):
             "full_observations": PrivilegedInput.FULL_FRAMES,
             "right": PrivilegedInput.RIGHT_FRAMES,
             "future_frames": PrivilegedInput.FUTURE_FRAMES,
-            "future_full": PrivilegedInput.FUTURE_FRAMES
-            | PrivilegedInput.FULL_FRAMES,
+            "future_full": PrivilegedInput.FUTURE_FRAMES | PrivilegedInput.FULL_FRAMES,
         }
         hidden = copy.copy(self)  # its arrays were checked when it was made
         for field, needed in input_of_field.items():

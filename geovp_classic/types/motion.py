@@ -30,13 +30,8 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         is_finite = np.isfinite(self.matrix).all()
-        if (
-            not is_finite
-            or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0
-        ):
-            raise BadData(
-                f"{self} must be finite, with positive focal lengths and sizes"
-            )
+        if not is_finite or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
+            raise BadData(f"{self} must be finite, with positive focal lengths and sizes")
 
     @property
     def matrix(self) -> FloatArray:
@@ -48,9 +43,7 @@ class Intrinsics:
         ]
         return np.array(rows, dtype=np.float64)
 
-    def cropped(
-        self, left_px: int, top_px: int, width_px: int, height_px: int
-    ) -> Intrinsics:
+    def cropped(self, left_px: int, top_px: int, width_px: int, height_px: int) -> Intrinsics:
         """Return the camera of image[top : top + height, left : left + width]."""
         return replace(
             self,
@@ -66,9 +59,7 @@ class Intrinsics:
         sy = height_px / self.height_px
         cx_px = (self.cx_px + 0.5) * sx - 0.5
         cy_px = (self.cy_px + 0.5) * sy - 0.5
-        return Intrinsics(
-            self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px
-        )
+        return Intrinsics(self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px)
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,9 +77,7 @@ class Trajectory(ShortRepr):
         store_rigid(self, "world_from_cam", 3)
         store_times(self, len(self.world_from_cam))
         uncertainty = self.scale_uncertainty
-        if uncertainty is not None and not (
-            self.is_metric and 0 <= uncertainty < np.inf
-        ):
+        if uncertainty is not None and not (self.is_metric and 0 <= uncertainty < np.inf):
             raise BadData(
                 f"scale_uncertainty is {uncertainty}, expected 0 or more of a metric trajectory, "
                 "else None"
@@ -101,9 +90,7 @@ class Trajectory(ShortRepr):
     def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
         """Return the steps of a slice or a mask [T], in the same world frame."""
         poses = self.world_from_cam[steps].copy()
-        return replace(
-            self, world_from_cam=poses, times_s=self.times_s[steps].copy()
-        )
+        return replace(self, world_from_cam=poses, times_s=self.times_s[steps].copy())
 
 
 @dataclass(frozen=True, repr=False)

@@ -71,9 +71,7 @@ class Synthetic(Optics):
         world_from_cam = self._world_from_cam(street.ego, times_s, seed)
         square, uncropped = self._cameras()
         camera = uncropped if self.with_full else square
-        light, depths, moving = render_drive(
-            street, world_from_cam, camera, times_s, self
-        )
+        light, depths, moving = render_drive(street, world_from_cam, camera, times_s, self)
         frames = self._expose(light, index, 0)
         right = None
         if self.with_right:
@@ -91,9 +89,7 @@ class Synthetic(Optics):
             trajectory=Trajectory(world_from_cam, times_s, is_metric=True),
             depths=_middle(depths, square.width_px),
             moving=_middle(moving, square.width_px),
-            full=ExtraView(frames, uncropped, np.eye(4))
-            if self.with_full
-            else None,
+            full=ExtraView(frames, uncropped, np.eye(4)) if self.with_full else None,
             right=right,
             camera_height_m=self.camera_height_m,
         )
@@ -120,9 +116,7 @@ class Synthetic(Optics):
         full_px = width_px + 2 * extra_px
         return square, square.cropped(-extra_px, 0, full_px, height_px)
 
-    def _world_from_cam(
-        self, ego: Journey, times_s: FloatArray, seed: int
-    ) -> FloatArray:
+    def _world_from_cam(self, ego: Journey, times_s: FloatArray, seed: int) -> FloatArray:
         """Return world_from_cam [T, 4, 4] of a car that shakes at 0.8 to 2.2 Hz while it moves."""
         delays_s = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])[:, None]
         travelled_m = ego.travelled_m(times_s + delays_s)  # [5, T]
@@ -166,9 +160,7 @@ def _middle(images: Array, width_px: int) -> Array:
     return images[:, :, left_px : left_px + width_px]
 
 
-def _waves(
-    rng: Generator, times_s: FloatArray, min_hz: float, max_hz: float
-) -> FloatArray:
+def _waves(rng: Generator, times_s: FloatArray, min_hz: float, max_hz: float) -> FloatArray:
     """Return a wandering signal [T] of about unit variance: four waves."""
     frequencies_hz = rng.uniform(min_hz, max_hz, 4)
     phases_rad = rng.uniform(0, 2 * np.pi, 4)

@@ -117,9 +117,7 @@ class _View:
         depth = depth.reshape(shape).astype(np.float32)
         return Rendering(light, depth, is_moving)
 
-    def _trace(
-        self, pixels: FloatArray
-    ) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
+    def _trace(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
         """Return light [N, 3], depth, moving and texture [N] of rays through pixels [N, 2].
 
         The texture of the sky is -1.

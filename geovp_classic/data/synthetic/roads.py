@@ -30,9 +30,7 @@ class Path:
     points: Places  # [K]
     yaw_rad: FloatArray  # [K]
 
-    def at(
-        self, along_m: FloatArray, right_m: float
-    ) -> tuple[Places, FloatArray]:
+    def at(self, along_m: FloatArray, right_m: float) -> tuple[Places, FloatArray]:
         """Return places [T] and yaw_rad [T] along the path and to its right.
 
         Beyond its ends, the path is straight.
@@ -145,9 +143,7 @@ class Roads:
         from_kerb_m = outside_m - np.linalg.norm(inside_m, axis=0)
         return located, yaw_rad, from_kerb_m
 
-    def surface(
-        self, places: Places
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
+    def surface(self, places: Places) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the surface of the ground at places [N].
 
         Returns its texture [N], the place on the texture [N, 2] in tiles, and the change of that

@@ -26,9 +26,7 @@ from geovp_classic.data.synthetic.textures import Texture, sample
 from geovp_classic.types import BoolArray, FloatArray
 
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-MANOEUVRES: dict[str, Any] = tomllib.loads(
-    Path(__file__).with_name("manoeuvres.toml").read_text()
-)
+MANOEUVRES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("manoeuvres.toml").read_text())
 Rgb = tuple[float, float, float]
 
 
@@ -71,9 +69,7 @@ class Weather:
         glow = 0.35 * towards_sun**24 * self.sun
         return clear * (1 - cover) + 0.93 * cover + glow
 
-    def irradiance(
-        self, normal: FloatArray, is_lit: BoolArray, is_leaf: BoolArray
-    ) -> FloatArray:
+    def irradiance(self, normal: FloatArray, is_lit: BoolArray, is_leaf: BoolArray) -> FloatArray:
         """Return the light [N, 3] that arrives from sun and sky; leaves also let it through."""
         cosine = normal @ self.to_sun
         up = -normal[:, 1]
@@ -144,9 +140,7 @@ def plan(manoeuvre: str, rng: Generator) -> tuple[Roads, list[Journey]]:
 
 def model(rng: Generator, name: str) -> Solids:
     """Return an object of street.toml at the origin, or a tree."""
-    tints = {
-        name: rng.choice(choices) for name, choices in TABLES["tints"].items()
-    }
+    tints = {name: rng.choice(choices) for name, choices in TABLES["tints"].items()}
     solids = []
     for shape in _tree(rng) if name == "tree" else TABLES["models"][name]:
         low, high = shape["low"], shape["high"]
@@ -157,9 +151,7 @@ def model(rng: Generator, name: str) -> Solids:
         surface_tints = [tints[tint] for _, tint in paint]
         taper = shape.get("taper", [0.0] * 4)
         is_round = shape.get("round", False)
-        solids.append(
-            (world_from_local, taper, is_round, textures, surface_tints)
-        )
+        solids.append((world_from_local, taper, is_round, textures, surface_tints))
     return Solids(*map(np.array, zip(*solids, strict=True)))
 
 

@@ -21,9 +21,7 @@ from scipy import fft
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 SIZE = 512  # of the images, a power of two
-TABLES: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text()
-)
+TABLES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
 Texture = enum.IntEnum(
     "Texture",
     "GROUND PLAIN ASPHALT ROAD KERB PAVEMENT GRASS ZEBRA HILLS PLASTER "
@@ -131,10 +129,7 @@ def mip_maps() -> tuple[ByteArray, ...]:
     levels = []
     for level in range(SIZE.bit_length()):
         size = (SIZE >> level, SIZE >> level)
-        smaller = [
-            cv2.resize(image, size, None, 0, 0, cv2.INTER_AREA)
-            for image in images
-        ]
+        smaller = [cv2.resize(image, size, None, 0, 0, cv2.INTER_AREA) for image in images]
         levels.append(np.array(smaller))
     return tuple(levels)
 
