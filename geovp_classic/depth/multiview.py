@@ -15,7 +15,7 @@ from geovp_classic.depth.matching import WindowCorrelation
 from geovp_classic.depth.viewpoints import PlaneSpacing, SourceSelection
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.observation import stream
+from geovp_classic.observation import observations_of
 from geovp_classic.types import (
     ByteArray,
     Context,
@@ -68,7 +68,7 @@ class Multiview:
                 f"multiview: frames {self.frames} of {num_past} observed ones: choose from "
                 f"-{num_past} to -1"
             )
-        observations = stream(context, "crop")
+        observations = observations_of(context, "crop")
         depth_maps = [
             self._depth_map(observations, past.world_from_cam, step % num_past)
             for step in self.frames

@@ -1,21 +1,21 @@
 """Observation: what several steps need to know about the observed frames, computed once."""
 
 from geovp_classic.observation.observe import (
+    ImageStream,
     Observed,
     Observer,
-    Stream,
     future_greys,
+    observations_of,
     recent,
     scene_window_of,
-    stream,
 )
 
 __all__ = [
+    "ImageStream",
     "Observed",
     "Observer",
-    "Stream",
     "future_greys",
+    "observations_of",
     "recent",
     "scene_window_of",
-    "stream",
 ]

@@ -27,7 +27,7 @@ from geovp_classic.types import (
     Trajectory,
 )
 
-Stream = Literal["crop", "full"]
+ImageStream = Literal["crop", "full"]
 View = TypeVar("View", Context, ExtraView)
 
 
@@ -144,7 +144,7 @@ class Observer:
         return Observations(frames, _greys(frames), is_usable, camera)
 
 
-def stream(context: Context, frames: Stream) -> Observations:
+def observations_of(context: Context, frames: ImageStream) -> Observations:
     """Return the observations of one image stream: those of the context, or computed now.
 
     Raise Incompatible if the uncropped frames, or depths for them, are missing.
@@ -166,7 +166,7 @@ def stream(context: Context, frames: Stream) -> Observations:
     return observer.full_observations(context.full, context.intrinsics, usable)
 
 
-def future_greys(context: Context, frames: Stream) -> ByteArray:
+def future_greys(context: Context, frames: ImageStream) -> ByteArray:
     """Return the grey future images [F, H, W] of one image stream.
 
     Raise Incompatible if they, or the uncropped frames, are missing.
@@ -185,11 +185,11 @@ def future_greys(context: Context, frames: Stream) -> ByteArray:
 def recent(
     context: Context,
     past: Trajectory,
-    frames: Stream,
+    frames: ImageStream,
     num_frames: int,
 ) -> tuple[Context, Trajectory]:
     """Return the last usable frames of one stream as a context, and their poses."""
-    observations = stream(context, frames)
+    observations = observations_of(context, frames)
     if frames == "full" and context.past_depths is not None:
         raise Incompatible(
             "recorded depth covers the crop only: estimate depth for uncropped frames"

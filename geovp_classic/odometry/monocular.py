@@ -10,7 +10,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
-from geovp_classic.observation import Stream, stream
+from geovp_classic.observation import ImageStream, observations_of
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.tracking import Image, Tracker, Tracking, track_clip
 from geovp_classic.parallel import parallel_map, single_threaded_blas
@@ -34,7 +34,7 @@ class Monocular:
     """
 
     scale: Scale = GroundPlane()
-    frames: Stream = "crop"
+    frames: ImageStream = "crop"
     tracking: Tracking = Tracking()
     # Images between two that the scale is measured with; the first that is long enough is used.
     # Images less than this many camera heights apart say little about the road.
@@ -56,7 +56,7 @@ class Monocular:
         never moved. Raise Incompatible if the clip lacks an input.
         """
         # Observe
-        view = stream(context, self.frames)
+        view = observations_of(context, self.frames)
         times_s = context.times_s[: context.num_past]
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]

@@ -18,7 +18,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import AnchoredAdjustment
 from geovp_classic.geometry.optical_flow import track_points
-from geovp_classic.observation import Stream
+from geovp_classic.observation import ImageStream
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -168,7 +168,7 @@ class Registration:
     the first of those.
     """
 
-    frames: Stream = "crop"
+    frames: ImageStream = "crop"
     num_frames: int = 10
     registration: ImageRegistration = ImageRegistration()
     # Part of the past error of the direction of motion that is expected in the future.
@@ -185,13 +185,13 @@ class Registration:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
-        stream = observation.stream(context, self.frames)
-        steps = np.flatnonzero(stream.is_usable)
-        steps = steps[steps >= len(stream.is_usable) - self.num_frames]
+        observed = observation.observations_of(context, self.frames)
+        steps = np.flatnonzero(observed.is_usable)
+        steps = steps[steps >= len(observed.is_usable) - self.num_frames]
         given = motion.past.world_from_cam
         adjusted = self.registration.register(
-            stream.greys[steps],
-            stream.intrinsics,
+            observed.greys[steps],
+            observed.intrinsics,
             given[steps],
             reference=len(steps) - 1,
         )

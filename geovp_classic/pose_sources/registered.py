@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geovp_classic import observation
-from geovp_classic.observation import Stream
+from geovp_classic.observation import ImageStream
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.pose_sources.ground_truth import GroundTruth
@@ -19,7 +19,7 @@ class Registered:
     Future images are a privileged input for poses only; renderers do not see them.
     """
 
-    frames: Stream = "crop"
+    frames: ImageStream = "crop"
     registration: ImageRegistration = ImageRegistration()
 
     @property
@@ -37,17 +37,17 @@ class Registered:
         The last observed pose stays, and so do poses of unusable frames.
         """
         recorded = GroundTruth().estimate(context)
-        stream = observation.stream(context, self.frames)
+        observed = observation.observations_of(context, self.frames)
         future_greys = observation.future_greys(context, self.frames)
-        images = np.concatenate([stream.greys[stream.is_usable], future_greys])
+        images = np.concatenate([observed.greys[observed.is_usable], future_greys])
         poses = recorded.past.world_from_cam.copy()
-        last = int(stream.is_usable.sum()) - 1
+        last = int(observed.is_usable.sum()) - 1
         adjusted = self.registration.register(
             images,
-            stream.intrinsics,
-            np.concatenate([poses[stream.is_usable], recorded.futures[0]]),
+            observed.intrinsics,
+            np.concatenate([poses[observed.is_usable], recorded.futures[0]]),
             reference=last,
         )
-        poses[stream.is_usable] = adjusted[: last + 1]
+        poses[observed.is_usable] = adjusted[: last + 1]
         past = replace(recorded.past, world_from_cam=poses)
         return Motion(past, adjusted[None, last + 1 :], recorded.tracked)

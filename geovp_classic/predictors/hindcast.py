@@ -12,7 +12,7 @@ import numpy as np
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
-from geovp_classic.observation import stream
+from geovp_classic.observation import observations_of
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -60,7 +60,7 @@ class Hindcast:
         The context was observed. Only covered pixels are compared; the scene's error is infinite
         if there are none, and 0 without earlier frames.
         """
-        earlier = np.flatnonzero(stream(context, "crop").is_usable[:-1])
+        earlier = np.flatnonzero(observations_of(context, "crop").is_usable[:-1])
         if len(earlier) == 0:
             return 0.0, self.min_change
         numbers = np.linspace(0, len(earlier) - 1, self.num_frames)

@@ -6,7 +6,7 @@ import numpy as np
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.interfaces import Inpainter
-from geovp_classic.observation import stream
+from geovp_classic.observation import observations_of
 from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.source import Source, to_bytes
 from geovp_classic.types import (
@@ -23,7 +23,7 @@ def last_greys(context: Context, num_frames: int) -> tuple[ByteArray, FloatArray
 
     Raise Incompatible for fewer than N usable frames.
     """
-    observations = stream(context, "crop")
+    observations = observations_of(context, "crop")
     steps = np.flatnonzero(observations.is_usable)[-num_frames:]
     if len(steps) < num_frames:
         raise Incompatible(

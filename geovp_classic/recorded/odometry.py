@@ -12,7 +12,7 @@ from geovp_classic.data.sequences import nearest
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale
-from geovp_classic.observation import stream
+from geovp_classic.observation import observations_of
 from geovp_classic.odometry import monocular
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.tracking import Image
@@ -69,7 +69,7 @@ class RecordedOdometry:
             world_from_cam = se3.interpolate(observed, times_s[tracked], times_s)
         if self.scale == "metric":
             return Trajectory(world_from_cam, times_s, is_metric=True), tracked
-        view = stream(context, "crop")
+        view = observations_of(context, "crop")
         no_corners = np.zeros((0, 2))
         images = [
             Image(grey, no_corners, time_s)

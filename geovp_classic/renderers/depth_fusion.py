@@ -7,8 +7,8 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
+from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
-from geovp_classic.observation import stream
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import fusion
 from geovp_classic.rendering.detail_transfer import MagnifiedDetail
@@ -67,7 +67,7 @@ class DepthFusion:
 
         depths, confidence = self.depth.inverse_depths(recent, past)
         exposure = self.exposure_estimator.estimate(
-            stream(recent, "crop").greys, recent.intrinsics, past, depths[-1]
+            observations_of(recent, "crop").greys, recent.intrinsics, past, depths[-1]
         )
 
         is_known = confidence > 0

@@ -11,7 +11,7 @@ from scipy.interpolate import interp1d
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
-from geovp_classic.observation import Observed, stream
+from geovp_classic.observation import Observed, observations_of
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import CheckedScene
@@ -268,7 +268,7 @@ class LivePredictor:
             camera_height_m=self._height_m,
         )
         observed = self._predictor.observe(context)
-        return observed, stream(observed.context, "crop").is_usable
+        return observed, observations_of(observed.context, "crop").is_usable
 
     def _keep(self, frames: BoolArray | slice) -> Observed:
         """Forget the other frames [P], and what was tracked through them; observe again."""
@@ -279,7 +279,7 @@ class LivePredictor:
 
     def _track(self, observed: Observed) -> StreamOdometry:
         """Track the newest frame; all frames again if the scene's window in the image changed."""
-        observations = stream(observed.context, "crop")
+        observations = observations_of(observed.context, "crop")
         camera = observations.intrinsics
         odometry = self._odometry
         new = slice(-1, None)

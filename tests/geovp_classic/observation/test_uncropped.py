@@ -11,7 +11,7 @@ from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
-from geovp_classic.observation import recent, stream
+from geovp_classic.observation import observations_of, recent
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import (
     Context,
@@ -34,7 +34,7 @@ def noise_context(side_px: int = 40) -> Context:
 
 
 def uncropped(context: Context) -> Observations:
-    return stream(context, "full")
+    return observations_of(context, "full")
 
 
 @pytest.mark.parametrize(
