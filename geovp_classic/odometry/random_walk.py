@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from geovp_classic.types import FloatArray
 
@@ -16,12 +15,18 @@ class RandomWalk:
     expectation maximisation (Shumway & Stoffer 1982), with their defaults as prior.
     """
 
-    step: float = 0.002  # default standard deviation of a step
-    prior_weight: float = 20.0  # measurements that the defaults count for
-    degrees_of_freedom: float = 4.0  # of Student's distribution
-    # of the first round's step, which only shrinks slowly
+    # default standard deviation of a step; chosen on train: a height that drifts by 2 % in 100 frames
+    step: float = 0.002
+    # measurements that the defaults count for: two seconds at 10 Hz
+    prior_weight: float = 20.0
+    # of Student's distribution; 4 is the usual choice for outliers (Lange et al. 1989)
+    degrees_of_freedom: float = 4.0
+    # of the first round's step to the default; EM shrinks a step that is too large, but hardly
+    # enlarges one that is too small
     start_ratio: float = 10.0
-    num_rounds: int = 15
+    num_rounds: int = 15  # noise and step change by less than 1 % in later ones
+    # variance of the first value, and of one after an infinite step: of logarithms, unknown
+    initial_variance: float = 1e6
 
     def smooth(
         self,
@@ -39,14 +44,17 @@ class RandomWalk:
         noise2 = 1.0
         step2 = (self.start_ratio * self.step) ** 2
         for _ in range(self.num_rounds):
-            information = weight * precision / noise2
-            mean, covariance = _solve(measured, information, 1 / (step2 * step_ratio2))
-            variance = np.diag(covariance)
+            # E-step: the walk given the noise and the steps.
+            steps2 = np.where(is_related, step2 * step_ratio2, self.initial_variance)
+            mean, variance, lag_covariance = rauch_tung_striebel(
+                measured, weight * precision / noise2, steps2, self.initial_variance
+            )
+            # M-step of the noise: expected squared errors, then Student's weights for them.
             error2 = ((measured - mean) ** 2 + variance) * precision
             noise2 = max(1.0, self._update(1.0, (weight * error2)[is_measured]))
             weight = (self.degrees_of_freedom + 1) / (self.degrees_of_freedom + error2 / noise2)
-            moved2 = np.diff(mean) ** 2 + variance[1:] + variance[:-1]
-            moved2 -= 2 * np.diag(covariance, 1)
+            # M-step of the steps: expected squares of the walk's differences.
+            moved2 = np.diff(mean) ** 2 + variance[1:] + variance[:-1] - 2 * lag_covariance
             step2 = self._update(self.step**2, (moved2 / step_ratio2)[is_related])
         return mean, np.sqrt(variance)
 
@@ -56,17 +64,39 @@ class RandomWalk:
         return float(total / (self.prior_weight + len(squares)))
 
 
-def _solve(
+def rauch_tung_striebel(
     measured: FloatArray,  # [N]
-    information: FloatArray,  # [N], of the measurements
-    step_information: FloatArray,  # [N - 1]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the mean [N] and the covariance [N, N] of a random walk with Gaussian noise."""
-    # An empty second diagonal avoids SciPy's solver that fails for a single value.
-    bands = np.zeros((3, len(measured)))
-    bands[1, 1:] = -step_information
-    bands[2] = information + 1e-6  # for a walk without measurements
-    bands[2, 1:] += step_information
-    bands[2, :-1] += step_information
-    covariance = solveh_banded(bands, np.eye(len(measured)))
-    return covariance @ (information * measured), covariance
+    information: FloatArray,  # [N], inverse variances of the measurements; 0: not measured
+    steps2: FloatArray,  # [N - 1], variances of the steps
+    initial_variance: float,  # of the first value, around 0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return means [N], variances [N] and covariances of neighbours [N - 1] of a random walk.
+
+    Scalar form of Rauch, Tung & Striebel 1965. On Python's floats it takes a twentieth of the
+    time of filterpy's `batch_filter` and `rts_smoother`, which handle matrices.
+    """
+    # Forward: Kalman filter. A value is predicted to stay where it is.
+    mean = 0.0
+    variance = initial_variance
+    filtered = []
+    for value, value_information, step2 in zip(
+        measured.tolist(), information.tolist(), [0.0, *steps2.tolist()], strict=True
+    ):
+        variance += step2
+        gain = variance * value_information / (1.0 + variance * value_information)
+        mean += gain * (value - mean)
+        variance *= 1.0 - gain
+        filtered.append((mean, variance))
+    # Backward: what the later values say about each one.
+    smoothed = [filtered[-1]]
+    lag_covariances = []
+    for (mean, variance), step2 in zip(filtered[-2::-1], steps2[::-1].tolist(), strict=True):
+        later_mean, later_variance = smoothed[-1]
+        predicted_variance = variance + step2
+        gain = variance / predicted_variance
+        lag_covariances.append(gain * later_variance)
+        mean += gain * (later_mean - mean)
+        variance += gain**2 * (later_variance - predicted_variance)
+        smoothed.append((mean, variance))
+    means, variances = np.array(smoothed[::-1]).T
+    return means, variances, np.array(lag_covariances[::-1])
