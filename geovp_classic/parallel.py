@@ -41,14 +41,24 @@ def _pool(process: int, num_threads: int) -> ThreadPoolExecutor:
 def single_threaded_blas(
     work: Callable[Parameters, Result],
 ) -> Callable[Parameters, Result]:
-    """Limit BLAS to one thread in the whole process while the function runs."""
+    """Limit BLAS to one thread in the whole process while the function runs.
+
+    Of nested or overlapping calls, the first sets the limit and lifts it when it ends: a call that
+    began under the limit of another one would restore that limit as if it were the original.
+    """
 
     @functools.wraps(work)
     def limited(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
-        with _libraries().limit(limits=1, user_api="blas"):
+        if not _is_limited.acquire(blocking=False):
             return work(*args, **kwargs)
+        try:
+            with _libraries().limit(limits=1, user_api="blas"):
+                return work(*args, **kwargs)
+        finally:
+            _is_limited.release()
 
     return limited
 
 
-_libraries = functools.cache(ThreadpoolController)
+_is_limited = threading.Lock()  # held by the call that set the limit
+_libraries = functools.cache(ThreadpoolController)  # looking for them takes milliseconds

@@ -55,3 +55,39 @@ def test_blas_has_one_thread_while_a_function_runs() -> None:
             nested(0)
         assert blas_threads() == {2}
     assert nested.__name__ == "nested"
+
+
+def set_blas_threads(count: int) -> None:
+    """Set it in a thread of its own, since only the end of a thread frees the setting again."""
+    setting = {"limits": count, "user_api": "blas"}
+    thread = threading.Thread(target=threadpool_limits, kwargs=setting)
+    thread.start()
+    thread.join()
+
+
+def test_overlapping_calls_give_the_threads_back() -> None:
+    """The second call begins while the first one runs, and ends after it."""
+    first_runs, second_runs, first_ended = (threading.Event() for _ in range(3))
+
+    @single_threaded_blas
+    def first() -> None:
+        first_runs.set()
+        second_runs.wait(10)
+
+    @single_threaded_blas
+    def second() -> None:
+        second_runs.set()
+        first_ended.wait(10)
+
+    threads = [threading.Thread(target=work) for work in (first, second)]
+    before = max(blas_threads())
+    set_blas_threads(2)
+    threads[0].start()
+    assert first_runs.wait(10)
+    threads[1].start()
+    threads[0].join()
+    first_ended.set()
+    threads[1].join()
+    after = blas_threads()
+    set_blas_threads(before)
+    assert after == {2}
