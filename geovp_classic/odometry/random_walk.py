@@ -15,7 +15,7 @@ class RandomWalk:
     expectation maximisation (Shumway & Stoffer 1982), with their defaults as prior.
     """
 
-    # default standard deviation of a step; chosen on train: a height that drifts by 2 % in 100 frames
+    # default standard deviation of a step; chosen on train (2 % of height drift in 100 frames)
     step: float = 0.002
     # measurements that the defaults count for: two seconds at 10 Hz
     prior_weight: float = 20.0
