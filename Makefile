@@ -11,7 +11,7 @@ SEED ?= 1
 
 VERSIONS ?= oldest newest
 VERSION_TESTS ?= tests/geovp_classic/geometry tests/geovp_classic/odometry tests/geovp_classic/metrics tests/geovp_classic/rendering \
-  tests/benchmarks/test_exports.py tests/benchmarks/test_run.py tests/benchmarks/test_tables.py
+  tests/geovp/test_exports.py tests/benchmarks/test_run.py tests/benchmarks/test_tables.py
 
 .PHONY: demo test mutation lint docs wheel-test test-versions setup clean
 

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import geovp
-from geovp_benchmarks.plots import Page, clips
+from geovp.drawing.page import Page
+from geovp.drawing.strip import draw_strip
 
 CLIP = 3  # brakes at a crossing
 SIZE_PX = (192, 192)
@@ -23,7 +24,7 @@ def main() -> None:
     strip = Page("street")
     rows = {name: prediction.frames[0] for name, prediction in predictions.items()}
     ahead_s = context.times_s[10:] - context.times_s[9]
-    clips.draw_strip(strip, rows, ahead_s, 6.0)
+    draw_strip(strip, rows, ahead_s, 6.0)
     strip.write(OUT)
 
 

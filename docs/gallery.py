@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 import geovp
-from geovp_benchmarks.plots import Page, clips
+from geovp.drawing.page import Page
+from geovp.drawing.strip import draw_strip
 from geovp_classic import registry
 
 NUM_CLIPS = 17  # two of them of a stationary camera, which are left out; 15 have a median
@@ -72,7 +73,7 @@ def draw(shown: Shown, street: Sequence[geovp.Clip]) -> None:
         rows[label] = method.predict(context).frames[0]
     ahead_s = context.times_s[NUM_PAST:] - context.times_s[NUM_PAST - 1]
     strip = Page(shown.name)
-    clips.draw_strip(strip, rows, ahead_s, 6.0)
+    draw_strip(strip, rows, ahead_s, 6.0)
     drawn = io.BytesIO()
     strip.figure.savefig(drawn, format="png", dpi=140)
     Image.open(drawn).convert("RGB").save(FOLDER / f"{shown.name}.webp", quality=70, method=6)

@@ -1,4 +1,4 @@
-"""Layers of the three packages: imports point downwards, and foreign packages stay in their place."""
+"""Layers of the packages: imports point downwards, and foreign packages stay in their place."""
 
 import ast
 import graphlib
@@ -9,6 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER_OF = {
     "geovp_classic": ROOT,
+    "geovp": ROOT,
     "geovp_learned": ROOT / "learned",
     "geovp_benchmarks": ROOT / "benchmarks",
 }
@@ -26,21 +27,21 @@ CLASSIC_LAYERS = [
     {"streaming"},
     {"api"},
 ]
+APPLICATION_LAYERS = [{"progress", "drawing", "provenance"}, {"predict"}, {"display"}]
 BENCHMARK_LAYERS = [
-    {"progress"},
     {"results"},
     {"matrix", "analysis"},
     {"tables"},
     {"plots", "running"},
-    {"report", "predict", "audit", "evaluation"},
-    {"display"},
+    {"report", "audit", "evaluation"},
     {"cli"},
 ]
 NEVER_IMPORTED = {
     "geovp_classic": {"torch", "lightning", "safetensors", "matplotlib"}
-    | {"geovp_learned", "geovp_benchmarks"},
+    | {"geovp", "geovp_learned", "geovp_benchmarks"},
+    "geovp": {"torch", "lightning", "safetensors", "geovp_learned", "geovp_benchmarks"},
     "geovp_benchmarks": {"torch", "lightning", "safetensors", "geovp_learned"},
-    "geovp_learned": {"geovp_benchmarks", "matplotlib", "torchvision"},
+    "geovp_learned": {"geovp", "geovp_benchmarks", "matplotlib", "torchvision"},
 }
 FORBIDDEN_NAMES = {"utils", "util", "common", "helpers", "misc"}
 
@@ -84,7 +85,11 @@ def test_import_names_are_file_paths() -> None:
 
 @pytest.mark.parametrize(
     ("package", "layers"),
-    [("geovp_classic", CLASSIC_LAYERS), ("geovp_benchmarks", BENCHMARK_LAYERS)],
+    [
+        ("geovp_classic", CLASSIC_LAYERS),
+        ("geovp", APPLICATION_LAYERS),
+        ("geovp_benchmarks", BENCHMARK_LAYERS),
+    ],
 )
 def test_imports_of_a_package_point_downwards(package: str, layers: list[set[str]]) -> None:
     layer_of = {name: layer for layer, names in enumerate(layers) for name in names}

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from geovp.progress import tracked
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from geovp.display.channel import Channel
+from geovp.progress import tracked
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.cli.options import number, option
-from geovp_benchmarks.display.channel import Channel
-from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import planar, se3

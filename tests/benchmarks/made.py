@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import street
 
-from geovp_benchmarks.display.source import Source
+from geovp.display.source import Source
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial

@@ -13,10 +13,9 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import progress
-from geovp_benchmarks.matrix import components
+from geovp import progress, provenance
+from geovp.provenance import code_hash
 from geovp_benchmarks.matrix import schema as matrices
-from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running import plan, task
 from geovp_benchmarks.running.executors import Serial
@@ -46,7 +45,7 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
     def changed(code: str) -> None:
         for module in (plan, task):
-            monkeypatch.setattr(module, "code_hash", lambda _: code)
+            monkeypatch.setattr(module, "code_of", lambda _: code)
 
     return changed
 
@@ -100,7 +99,7 @@ class TestCode:
         (folder / "parts.py").write_text("class Hover:\n    pass\n")
         monkeypatch.syspath_prepend(tmp_path)
         yield folder
-        components._source_hash.cache_clear()
+        provenance._source_hash.cache_clear()
         for name in [name for name in sys.modules if name.startswith("somebodys_package")]:
             del sys.modules[name]
 
@@ -109,7 +108,7 @@ class TestCode:
         before, ours = code_hash([hover]), code_hash([CopyLast()])
         assert before != ours
         (package / "more.py").write_text("SPEED = 3\n")
-        components._source_hash.cache_clear()
+        provenance._source_hash.cache_clear()
         assert code_hash([hover]) != before
         assert code_hash([CopyLast()]) == ours
 

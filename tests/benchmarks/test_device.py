@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from geovp.predict.request import PredictionRequest
 from geovp_benchmarks import cli
-from geovp_benchmarks.predict.request import PredictionRequest
 from geovp_classic.errors import BadData
 from tests.benchmarks.made import write_matrix
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from geovp.provenance import versions
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.results.provenance import versions
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.results.stored_facts import facts_of, metric_of

@@ -18,9 +18,9 @@ from importlib import metadata
 from types import ModuleType
 from typing import Any
 
+from geovp.progress import progress_bar
 from geovp_benchmarks.cli.messages import logger, messages
 from geovp_benchmarks.cli.options import add_groups
-from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError, install_command
 
 COMMANDS = (

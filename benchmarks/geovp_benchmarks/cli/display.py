@@ -65,12 +65,12 @@ def run(args: argparse.Namespace) -> Lines:
     """Print the address of the page and serve it until interrupted, or write a video."""
     import secrets
 
-    from geovp_benchmarks.display.channel import Channel
-    from geovp_benchmarks.display.commands import Driver, read_commands
-    from geovp_benchmarks.display.server import Server
-    from geovp_benchmarks.display.session import Session, write_video
-    from geovp_benchmarks.display.source import Source
-    from geovp_benchmarks.predict.request import PredictionRequest
+    from geovp.display.channel import Channel
+    from geovp.display.commands import Driver, read_commands
+    from geovp.display.server import Server
+    from geovp.display.session import Session, write_video
+    from geovp.display.source import Source
+    from geovp.predict.request import PredictionRequest
     from geovp_classic.errors import BadData
 
     if args.out is not None and args.drive:

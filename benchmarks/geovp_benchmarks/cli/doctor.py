@@ -12,8 +12,8 @@ Examples:
 
 import argparse
 
+from geovp.progress import tracked
 from geovp_benchmarks.cli.options import LinesAndCode
-from geovp_benchmarks.progress import tracked
 
 ARGUMENTS = {
     "": {

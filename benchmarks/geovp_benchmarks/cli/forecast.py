@@ -9,8 +9,8 @@ Examples:
 
 import argparse
 
+from geovp.progress import announce
 from geovp_benchmarks.cli.options import Lines
-from geovp_benchmarks.progress import announce
 
 ARGUMENTS = {
     "": {"poses FOLDER": "Folder of pose files."},

@@ -12,9 +12,9 @@ import argparse
 import sys
 from pathlib import Path
 
+from geovp.progress import announce, report
 from geovp_benchmarks.cli.messages import logger
 from geovp_benchmarks.cli.options import Lines, number, option, shared
-from geovp_benchmarks.progress import announce, report
 
 CAMERA = {
     "camera, at most one of": {
@@ -80,10 +80,18 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Predict, write all files and print their paths."""
-    from geovp_benchmarks.predict import exports, prediction
-    from geovp_benchmarks.predict.request import PredictionRequest
+    from geovp.predict import exports, prediction
+    from geovp.predict.request import PredictionRequest
+    from geovp_benchmarks.matrix import schema
     from geovp_classic import registry
+    from geovp_classic.errors import BadData
 
+    if (args.matrix is None) != (args.method is None):
+        raise BadData("--matrix and --method belong together: give both or neither")
+    if args.method is not None:
+        if args.predictor is not None:
+            raise BadData("--method and --predictor exclude each other: keep one of them")
+        args.predictor = schema.read(args.matrix).predictor_spec(args.method)
     if args.out is not None:
         exports.check_free(args.out)
     report(0, 6)

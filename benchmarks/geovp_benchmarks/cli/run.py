@@ -16,9 +16,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from geovp.progress import announce
 from geovp_benchmarks.cli.messages import logger, terminal_width
 from geovp_benchmarks.cli.options import LinesAndCode, shared
-from geovp_benchmarks.progress import announce
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results

@@ -9,8 +9,8 @@ Examples:
 
 import argparse
 
+from geovp.progress import tracked
 from geovp_benchmarks.cli.options import LinesAndCode, number, option, shared
-from geovp_benchmarks.progress import tracked
 
 ARGUMENTS = {
     "": shared("folder"),

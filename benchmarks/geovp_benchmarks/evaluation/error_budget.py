@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from geovp.progress import tracked
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
 from geovp_classic import registry

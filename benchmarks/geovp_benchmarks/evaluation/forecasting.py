@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.progress import tracked
+from geovp.progress import tracked
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane

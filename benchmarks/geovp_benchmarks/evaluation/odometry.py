@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.progress import tracked
+from geovp.progress import tracked
 from geovp_classic import registry
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData, Incompatible

@@ -171,6 +171,13 @@ class Matrix(ProtocolTable, ComponentTables):
                 raise UnknownComponent(f"{self.name} has no method {label!r}{nearest}")
         return self.model_copy(update={"selected": labels})
 
+    def predictor_spec(self, label: str) -> Spec:
+        """Return a method as a predictor; UnknownComponent names the nearest label."""
+        selected = self.select(label)
+        (method,) = selected.methods
+        specs = {role: selected.specs[key] for role, key in method.components.items()}
+        return specs.get("predictor") or {"name": "geometric", **specs}
+
     @property
     def specs(self) -> dict[tuple[str, str], Spec]:
         """Return the components of the methods by role and name."""

@@ -4,15 +4,16 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from geovp.drawing.page import Page
+from geovp.progress import tracked
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots import clips, horizon
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.plots.style import Options, Page
-from geovp_benchmarks.progress import tracked
+from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import selected_columns
 
-__all__ = ["Options", "Page", "write_all"]
+__all__ = ["Options", "write_all"]
 
 
 def write_all(results: Results, options: Options) -> Iterator[tuple[Page, list[Path]]]:

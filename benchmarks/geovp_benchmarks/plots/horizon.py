@@ -9,10 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
+from geovp.drawing.page import SHEET, Page
 from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.plots.style import SHEET, Options, Page, line_styles
+from geovp_benchmarks.plots.style import Options, line_styles
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.scores import nanmean

@@ -1,11 +1,8 @@
-"""Where numbers come from: the id of a protocol, weights of networks, and versions."""
+"""Where numbers come from: the id of a protocol, and weights of networks."""
 
-import contextlib
 import hashlib
 import json
-import platform
 from collections.abc import Iterable, Mapping
-from importlib import metadata
 from typing import Any
 
 from geovp_benchmarks.results.score_names import CONFIDENCE
@@ -43,15 +40,3 @@ def weights_notes(methods: Iterable[Method]) -> list[str]:
         for note in method.about if method.num_clips else ():
             users.setdefault(note, []).append(method.label)
     return [f"{note} ({', '.join(labels)})." for note, labels in users.items()]
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the packages that numbers depend on, and the kind of processor."""
-    from llvmlite.binding import get_host_cpu_name
-
-    installed = {"python": platform.python_version(), "processor": get_host_cpu_name()}
-    packages = "geovp numpy scipy numba opencv-contrib-python-headless open3d pycolmap"
-    for package in [*packages.split(), "torch"]:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            installed[package] = metadata.version(package)
-    return installed

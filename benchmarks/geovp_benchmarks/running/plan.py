@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.matrix.components import code_hash, weights_of
+from geovp.provenance import versions
+from geovp_benchmarks.matrix.components import weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
-from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
+from geovp_benchmarks.results.provenance import content_hash, protocol_id
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix
+from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, code_of
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
@@ -113,7 +114,7 @@ class Plan:
                 "privileged_inputs": needs,
                 "fingerprint": content_hash([fingerprint, components, plan.num_samples]),
                 "about": weights_of([predictor]),
-                "code": code_hash([predictor]),
+                "code": code_of(predictor),
             }
         return Method.model_validate(plan, from_attributes=True).model_copy(update=facts)
 

@@ -1,8 +1,9 @@
 """Scores of kept predictions with other metrics: nothing is predicted, no data set is needed."""
 
+from geovp.progress import tracked
+from geovp.provenance import versions
 from geovp_benchmarks.matrix.values import Specs
-from geovp_benchmarks.progress import tracked
-from geovp_benchmarks.results.provenance import content_hash, protocol_id, versions
+from geovp_benchmarks.results.provenance import content_hash, protocol_id
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_benchmarks.running.task import Scored

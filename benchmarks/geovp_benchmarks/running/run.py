@@ -9,7 +9,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from geovp_benchmarks.progress import announce, report
+from geovp.progress import announce, report
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.running.executors import Executor, completed
 from geovp_benchmarks.running.plan import Plan

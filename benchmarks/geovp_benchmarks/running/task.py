@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix.components import build, code_hash, on_device
+from geovp.progress import announce
+from geovp.provenance import code_hash
+from geovp_benchmarks.matrix.components import build, on_device
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.progress import announce
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
+from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import Dataset
+from geovp_classic.interfaces import Dataset, FramePredictor
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
@@ -51,6 +53,11 @@ class BuiltMatrix:
                 f"{name!r} with num_past + num_future = {length}"
             )
         return clip
+
+
+def code_of(predictor: FramePredictor) -> str:
+    """Return a short hash of the source files that scores of a predictor depend on."""
+    return code_hash([predictor], [__name__, scoring.__name__])
 
 
 @functools.lru_cache(maxsize=1)
@@ -123,7 +130,7 @@ def score_clip(task: Task) -> list[Scored]:
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            code=code_hash([predictor]),
+            code=code_of(predictor),
             failures=failures,
             facts={task.clip: clip.facts} if scores.values else {},
         )

@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from geovp.progress import tracked
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.progress import tracked
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry

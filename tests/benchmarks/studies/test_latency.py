@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.display.channel import Channel
+from geovp.display.channel import Channel
 from geovp_classic.geometry import planar
 from geovp_classic.streaming.commands import commanded_poses
 from geovp_classic.types import Clip

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from geovp.drawing.page import Page
+from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.analysis.intervals import BlockBootstrap
-from geovp_benchmarks.plots import Options, Page, clips, horizon, style
+from geovp_benchmarks.plots import Options, horizon, style
 from geovp_benchmarks.results.store import Results
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Motion, Trajectory
@@ -76,7 +78,7 @@ class TestFiles:
         old, foreign = copied / "plots" / "horizon-ssim-2.png", copied / "plots" / "mine.png"
         old.touch()
         foreign.touch()
-        caplog.set_level(logging.DEBUG, "geovp_benchmarks.steps")
+        caplog.set_level(logging.DEBUG, "geovp.steps")
         list(plots.write_all(Results(copied), Options()))
         assert not old.exists()
         assert foreign.exists()
@@ -193,7 +195,7 @@ class TestStrips:
     def test_a_row_ends_where_its_frames_end(self) -> None:
         page, frames = Page("strip"), np.zeros((4, 8, 8, 3), np.uint8)
         rows = {"predicted": frames, "real": frames[:2]}
-        clips.draw_strip(page, rows, np.arange(1.0, 5), 3.3)
+        draw_strip(page, rows, np.arange(1.0, 5), 3.3)
         whole, short = (np.asarray(panel.images[0].get_array()) for panel in page.figure.axes)
         assert (whole[4, 4::9, 0] == 0).all()
         np.testing.assert_array_equal(short[4, 4::9, 0], [0, 0, 255, 255])
@@ -259,7 +261,7 @@ class TestPaper:
     def test_words_of_a_strip_do_not_overlap(self, tmp_path: Path) -> None:
         page, frames = Page("strip"), np.zeros((20, 50, 160, 3), np.uint8)
         rows = {f"vo+prior-refined + ground-far-plane {k}": frames for k in range(4)}
-        clips.draw_strip(page, rows, np.arange(1.0, 21), 3.3)
+        draw_strip(page, rows, np.arange(1.0, 21), 3.3)
         page.write(tmp_path / "strip.png")
         shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
         boxes = [text.get_window_extent() for text in shown]

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_benchmarks.display import drawing
-from geovp_benchmarks.display.channel import Channel, Sent
-from geovp_benchmarks.display.commands import Driver
-from geovp_benchmarks.display.source import Source
-from geovp_benchmarks.plots.video import labelled, write_mp4
-from geovp_benchmarks.progress import tracked
+from geovp.display import drawing
+from geovp.display.channel import Channel, Sent
+from geovp.display.commands import Driver
+from geovp.display.source import Source
+from geovp.drawing.video import labelled, write_mp4
+from geovp.progress import tracked
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.streaming import Command, LivePredictor

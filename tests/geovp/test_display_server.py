@@ -22,10 +22,10 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.display import server
-from geovp_benchmarks.display.channel import Channel
-from geovp_benchmarks.display.commands import Driver
-from geovp_benchmarks.display.session import Publish, Session, Shown
+from geovp.display import server
+from geovp.display.channel import Channel
+from geovp.display.commands import Driver
+from geovp.display.session import Publish, Session, Shown
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import street_source, write_images

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.matrix.components import code_hash
-from geovp_benchmarks.predict.camera import Camera, find_camera
-from geovp_benchmarks.predict.request import PredictionRequest, output_size
-from geovp_benchmarks.progress import announce
-from geovp_benchmarks.results.provenance import versions
+from geovp.predict.camera import Camera, find_camera
+from geovp.predict.request import PredictionRequest, output_size
+from geovp.progress import announce
+from geovp.provenance import code_hash, versions
 from geovp_classic import registry
 from geovp_classic.api import evaluate
 from geovp_classic.data import bags, windows

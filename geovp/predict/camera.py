@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geovp_benchmarks.predict.request import PredictionRequest, output_size
+from geovp.predict.request import PredictionRequest, output_size
 from geovp_classic.data.calibration_files import exif_focal_px, read_camera
 from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames, common_pinhole

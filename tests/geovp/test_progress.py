@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from geovp_benchmarks.progress import announce, progress_bar, report, tracked
+from geovp.progress import announce, progress_bar, report, tracked
 
 
 def test_an_item_is_done_when_the_next_is_asked_for(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.DEBUG, "geovp_benchmarks.steps")
+    caplog.set_level(logging.DEBUG, "geovp.steps")
     items = tracked("ab")
     assert (next(items), caplog.messages) == ("a", [])
     assert (next(items), caplog.messages) == ("b", ["1 of 2"])

@@ -19,7 +19,7 @@ from urllib.parse import unquote
 import cv2
 import pydantic
 
-from geovp_benchmarks.display.session import Session, Shown
+from geovp.display.session import Session, Shown
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 

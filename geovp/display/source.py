@@ -11,9 +11,9 @@ from typing import Self
 import cv2
 import numpy as np
 
-from geovp_benchmarks.predict.camera import find_camera
-from geovp_benchmarks.predict.prediction import read_recording
-from geovp_benchmarks.predict.request import PredictionRequest, output_size
+from geovp.predict.camera import find_camera
+from geovp.predict.prediction import read_recording
+from geovp.predict.request import PredictionRequest, output_size
 from geovp_classic import registry
 from geovp_classic.data import bags, layouts
 from geovp_classic.data.frames import FrameFiles

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.display import commands, drawing
-from geovp_benchmarks.display.channel import Channel
-from geovp_benchmarks.display.commands import Driver, read_commands
-from geovp_benchmarks.display.session import Session, Shown
-from geovp_benchmarks.display.source import Source
-from geovp_benchmarks.predict.request import PredictionRequest
+from geovp.display import commands, drawing
+from geovp.display.channel import Channel
+from geovp.display.commands import Driver, read_commands
+from geovp.display.session import Session, Shown
+from geovp.display.source import Source
+from geovp.predict.request import PredictionRequest
 from geovp_classic.errors import BadData
 from geovp_classic.streaming import Command, LiveView
 from geovp_classic.types import ByteArray, FloatArray

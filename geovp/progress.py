@@ -11,8 +11,8 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-logger = logging.getLogger("geovp_benchmarks")
-steps = logging.getLogger("geovp_benchmarks.steps")
+logger = logging.getLogger("geovp")
+steps = logging.getLogger("geovp.steps")
 steps.setLevel(logging.DEBUG)  # the bar shows them however little is logged
 
 

@@ -10,9 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from geovp_benchmarks.plots import Page, clips, video
-from geovp_benchmarks.predict.colmap_model import build_model
-from geovp_benchmarks.predict.prediction import Predicted
+from geovp.drawing import video
+from geovp.drawing.page import Page
+from geovp.drawing.strip import draw_strip
+from geovp.predict.colmap_model import build_model
+from geovp.predict.prediction import Predicted
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.errors import BadData
@@ -95,7 +97,7 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     recorded = {name: row for name, row in rows.items() if len(row)}
     past_s, future_s = np.split(context.times_s, [context.num_past])
     strip = Page("strip")
-    clips.draw_strip(strip, recorded, future_s - past_s[-1], 8.0)
+    draw_strip(strip, recorded, future_s - past_s[-1], 8.0)
     strip.write(folder / "strip.png")
     film = video.film(context.frames, frames, predicted.actual)
     rate_hz = 1 / float(np.mean(np.diff(context.times_s)))

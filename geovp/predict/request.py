@@ -6,8 +6,6 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass
 
-from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.matrix.components import build_method, on_device
 from geovp_classic import registry
 from geovp_classic.api import default_pose_source
 from geovp_classic.errors import BadData
@@ -37,8 +35,6 @@ class PredictionRequest:
     pose_source: Spec | None = None
     renderer: Spec | None = None
     predictor: Spec | None = None
-    matrix: Path | None = None  # of the method
-    method: str | None = None
     num_samples: int = 1
     mask: Path | None = None
     device: str | None = None
@@ -54,16 +50,15 @@ class PredictionRequest:
 
         Raises BadData for options that exclude each other.
         """
-        if (self.matrix is None) != (self.method is None):
-            raise BadData("--matrix and --method belong together: give both or neither")
-        alternatives = (self.method, self.predictor, self.pose_source or self.renderer)
-        if sum(each is not None for each in alternatives) > 1:
+        if self.predictor is not None and (self.pose_source or self.renderer) is not None:
             raise BadData(
                 "--method, --predictor, and --pose-source with --renderer exclude each other: keep "
                 "one of them"
             )
-        frames = {"frames": "full"} if self.with_full else {}
-        with on_device(self.device), registry.defaults(**frames):
+        fields = {"frames": "full"} if self.with_full else {}
+        if self.device is not None:
+            fields["device"] = self.device
+        with registry.defaults(**fields):
             predictor = self._build()
         if self.mask is None:
             return predictor
@@ -73,8 +68,6 @@ class PredictionRequest:
         return replace(predictor, observer=replace(predictor.observer, mask=self.mask))
 
     def _build(self) -> FramePredictor:
-        if self.matrix is not None and self.method is not None:
-            return build_method(schema.read(self.matrix), self.method)
         if self.predictor is not None:
             return registry.build("predictors", self.predictor, "--predictor")
         pose_source = self.pose_source or default_pose_source(self.camera_height_m)

@@ -14,11 +14,11 @@ import pytest
 import street
 from PIL import Image
 
+from geovp.drawing import video
+from geovp.predict import exports, prediction
+from geovp.predict.request import PredictionRequest, output_size
+from geovp.provenance import code_hash
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix.components import code_hash
-from geovp_benchmarks.plots import video
-from geovp_benchmarks.predict import exports, prediction
-from geovp_benchmarks.predict.request import PredictionRequest, output_size
 from geovp_classic.data import pose_files
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics, Motion, Trajectory

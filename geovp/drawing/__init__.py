@@ -1,0 +1,1 @@
+"""Figures, film strips and videos."""
