@@ -11,7 +11,7 @@ from pathlib import Path
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
 from geovp_benchmarks.tables.formats import markdown
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 
 
 def write(results: Results, page: Path, spread: str = "interval") -> None:

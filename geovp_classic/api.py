@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from geovp_classic import registry
-from geovp_classic.data import layouts
+from geovp_classic.data.layouts import detection
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.observation import Observer
@@ -124,4 +124,4 @@ def _build(role: str, component: object) -> Any:
 def _dataset_spec(source: Spec | Path) -> Spec:
     if isinstance(source, Mapping) or source in registry.names("datasets"):
         return source
-    return layouts.spec(Path(source).expanduser())
+    return detection.spec(Path(source).expanduser())

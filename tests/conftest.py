@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import geovp_classic
 from geovp_classic import registry
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import MissingExtra
 from geovp_classic.types import Clip
 

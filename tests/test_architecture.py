@@ -17,17 +17,24 @@ FOLDER_OF = {
 CLASSIC_LAYERS = [
     {"errors", "version"},
     {"types", "colmap_library"},
-    {"geometry", "parallel", "files"},
-    {"interfaces", "observation"},
-    {"odometry", "forecasting", "pose_refinement", "depth", "rendering"}
-    | {"metrics", "data", "registry"},
-    {"pose_sources", "inpainters", "recorded"},
+    {"geometry", "parallel", "files", "atomic"},
+    {"interfaces", "observation", "data"},
+    {"odometry", "forecasting", "pose_refinement", "depth", "rendering"} | {"metrics", "registry"},
+    {"pose_sources", "inpainters"},
     {"renderers"},  # depth fusion has a default inpainter
     {"predictors"},
     {"streaming"},
     {"api"},
 ]
 APPLICATION_LAYERS = [{"progress", "drawing", "provenance"}, {"predict"}, {"display"}]
+DATA_LAYERS = [
+    {"findings"},
+    {"frames"},
+    {"formats"},
+    {"recordings"},
+    {"layouts"},
+    {"doctor", "synthetic"},
+]
 BENCHMARK_LAYERS = [
     {"results"},
     {"matrix", "analysis"},
@@ -88,18 +95,23 @@ def test_import_names_are_file_paths() -> None:
     [
         ("geovp_classic", CLASSIC_LAYERS),
         ("geovp", APPLICATION_LAYERS),
+        ("geovp_classic.data", DATA_LAYERS),
         ("geovp_benchmarks", BENCHMARK_LAYERS),
     ],
 )
 def test_imports_of_a_package_point_downwards(package: str, layers: list[set[str]]) -> None:
     layer_of = {name: layer for layer, names in enumerate(layers) for name in names}
     inside = [module for module in MODULES if module.startswith(f"{package}.")]
-    assert {module.split(".")[1] for module in inside} == layer_of.keys()
+
+    def name_of(module: str) -> str:
+        return module.removeprefix(f"{package}.").partition(".")[0]
+
+    assert {name_of(module) for module in inside} == layer_of.keys()
     for module in inside:
-        importer = module.split(".")[1]
+        importer = name_of(module)
         for imported in IMPORTS[module]:
-            if imported.startswith(f"{package}.") and imported.split(".")[1] != importer:
-                target = imported.split(".")[1]
+            if imported.startswith(f"{package}.") and name_of(imported) != importer:
+                target = name_of(imported)
                 assert layer_of[target] < layer_of[importer], f"{module} imports {imported}"
 
 

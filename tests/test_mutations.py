@@ -26,17 +26,11 @@ import pytest
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_classic import files
-from geovp_classic.data import (
-    calibration_files,
-    euroc,
-    frames,
-    kitti_raw,
-    layouts,
-    pose_files,
-    sequences,
-    splits,
-)
 from geovp_classic.data.findings import RAISE
+from geovp_classic.data.formats import calibration_files, pose_files
+from geovp_classic.data.frames import image_frames, video_frames
+from geovp_classic.data.layouts import detection, euroc, kitti_raw
+from geovp_classic.data.recordings import sequences, splits
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import write_protocol
@@ -92,7 +86,7 @@ def video(name: str, codec: str) -> Write:
 
 
 def read_video(path: Path) -> Any:
-    opened = frames.VideoFrames(path)
+    opened = video_frames.VideoFrames(path)
     return [opened.read(index) for index in range(len(opened))]
 
 
@@ -153,7 +147,7 @@ def colmap_model(file: str) -> Write:
 
 
 def read_colmap(path: Path) -> Any:
-    scanned = layouts.detect(path.parents[1])[1].scan(path.parents[1], RAISE)
+    scanned = detection.detect(path.parents[1])[1].scan(path.parents[1], RAISE)
     return scanned.world_from_cam, [dataclasses.astuple(camera) for camera in scanned.cameras]
 
 
@@ -246,11 +240,11 @@ READERS: dict[str, Reader] = {
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),
     "matrix": Reader(text("m.toml", MATRIX), lambda path: schema.read(path).model_dump_json()),
-    "png": Reader(image("a.png"), frames.read_image, has_checksum=True),
-    "depth": Reader(image("d.png", NOISE[..., 0]), frames.read_depth, has_checksum=True),
-    "jpg": Reader(image("a.jpg"), frames.read_image),
-    "bmp": Reader(image("a.bmp"), frames.read_image),
-    "tif": Reader(image("a.tif"), frames.read_image),
+    "png": Reader(image("a.png"), image_frames.read_image, has_checksum=True),
+    "depth": Reader(image("d.png", NOISE[..., 0]), image_frames.read_depth, has_checksum=True),
+    "jpg": Reader(image("a.jpg"), image_frames.read_image),
+    "bmp": Reader(image("a.bmp"), image_frames.read_image),
+    "tif": Reader(image("a.tif"), image_frames.read_image),
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp_classic.data import splits
+from geovp_classic.data.recordings import splits
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs/concepts/splits.md").read_text()
 ROWS = dict(re.findall(r"^\| `([a-z0-9-]+)` \| (.*)", PAGE, re.MULTILINE))

@@ -17,7 +17,7 @@ from geovp.display.commands import Driver
 from geovp.display.source import Source
 from geovp.drawing.video import labelled, write_mp4
 from geovp.progress import tracked
-from geovp_classic.data.atomic import atomic_write
+from geovp_classic.atomic import atomic_write
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray

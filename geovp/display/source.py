@@ -15,9 +15,10 @@ from geovp.predict.camera import find_camera
 from geovp.predict.prediction import read_recording
 from geovp.predict.request import PredictionRequest, output_size
 from geovp_classic import registry
-from geovp_classic.data import bags, layouts
-from geovp_classic.data.frames import FrameFiles
-from geovp_classic.data.windows import Recording
+from geovp_classic.data.formats import bags
+from geovp_classic.data.frames.image_frames import FrameFiles
+from geovp_classic.data.layouts import detection
+from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -44,7 +45,7 @@ class Source:
         if is_camera:
             recording = _camera(request)
             numbers = range(1)
-        elif layouts.detect(path)[0] == "folder" or (bags.is_bag(path) and request.has_camera):
+        elif detection.detect(path)[0] == "folder" or (bags.is_bag(path) and request.has_camera):
             if sequence is not None:
                 raise BadData(f"{path} has no sequences: remove --sequence")
             recording, lens = read_recording(request)
@@ -142,7 +143,7 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
             "--calibration and --fps"
         )
     table = {
-        **layouts.spec(request.path),
+        **detection.spec(request.path),
         "num_frames": 2,
         "sequences": sequence and [sequence],
     }

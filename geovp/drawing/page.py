@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.style import context
 
-from geovp_classic.data.atomic import atomic_write
+from geovp_classic.atomic import atomic_write
 
 SHEET = Path(__file__).with_name("geovp.mplstyle")
 

@@ -6,10 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geovp.predict.request import PredictionRequest, output_size
-from geovp_classic.data.calibration_files import exif_focal_px, read_camera
-from geovp_classic.data.frames import FrameFiles
-from geovp_classic.data.undistortion import DistortedCamera, UndistortedFrames, common_pinhole
-from geovp_classic.data.windows import Recording
+from geovp_classic.data.formats.calibration_files import exif_focal_px, read_camera
+from geovp_classic.data.frames.image_frames import FrameFiles
+from geovp_classic.data.frames.undistortion import (
+    DistortedCamera,
+    UndistortedFrames,
+    common_pinhole,
+)
+from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import FocalLengthEstimator

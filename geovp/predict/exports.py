@@ -15,8 +15,8 @@ from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
 from geovp.predict.colmap_model import build_model
 from geovp.predict.prediction import Predicted
-from geovp_classic.data import pose_files
-from geovp_classic.data.atomic import atomic_write
+from geovp_classic.atomic import atomic_write
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.types import FloatArray, Motion, Trajectory

@@ -14,11 +14,12 @@ from geovp.progress import announce
 from geovp.provenance import code_hash, versions
 from geovp_classic import registry
 from geovp_classic.api import evaluate
-from geovp_classic.data import bags, windows
-from geovp_classic.data.folder import Folder
-from geovp_classic.data.rosbag import RosBag
-from geovp_classic.data.undistortion import DistortedCamera
-from geovp_classic.data.windows import Recording
+from geovp_classic.data.formats import bags
+from geovp_classic.data.frames.undistortion import DistortedCamera
+from geovp_classic.data.layouts.folder import Folder
+from geovp_classic.data.layouts.rosbag import RosBag
+from geovp_classic.data.recordings import windows
+from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import FramePredictor

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data import layouts, splits
 from geovp_classic.data.findings import Finding, Findings
-from geovp_classic.data.frames import Size, image_size, read_image
-from geovp_classic.data.sequences import Scan
-from geovp_classic.data.undistortion import common_pinhole
+from geovp_classic.data.frames.image_frames import Size, image_size, read_image
+from geovp_classic.data.frames.undistortion import common_pinhole
+from geovp_classic.data.layouts import detection
+from geovp_classic.data.recordings import splits
+from geovp_classic.data.recordings.sequences import Scan
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -57,7 +58,7 @@ class Doctor:
         The sequences' names go through `watch` one by one, which may show a progress bar (tqdm
         does). BadData only if the root holds no sequences at all.
         """
-        _, dataset = layouts.detect(root)
+        _, dataset = detection.detect(root)
         folders = dataset.folders()
         if not folders:
             raise BadData(f"{root} holds no sequence: give a folder with sequences in it")

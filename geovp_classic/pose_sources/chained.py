@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.interfaces import Forecaster, Odometry
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.recorded import Recorded
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.types import (
     Context,
     FloatArray,
@@ -52,4 +52,4 @@ class ContinuedRecording(ABC):
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and its continuation; raise Incompatible without poses."""
-        return Chained(Recorded(), self).estimate(context, num_samples)
+        return Chained(RecordedPast(), self).estimate(context, num_samples)

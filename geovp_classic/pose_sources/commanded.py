@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import (

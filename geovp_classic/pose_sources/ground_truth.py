@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.odometry.recorded import recorded
+from geovp_classic.odometry.recorded_past import recorded
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
 

@@ -18,8 +18,7 @@ from safetensors.torch import load as loaded
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from geovp_classic import files, registry
-from geovp_classic.data import atomic
+from geovp_classic import atomic, files, registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
 from geovp_learned import devices, methods

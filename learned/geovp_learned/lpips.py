@@ -26,8 +26,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from geovp_classic import files
-from geovp_classic.data import atomic
+from geovp_classic import atomic, files
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray

@@ -12,8 +12,8 @@ import studies
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.running import task
 from geovp_classic import registry
-from geovp_classic.data import pose_files
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
+from geovp_classic.data.formats import pose_files
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.types import Clip
 from tests.benchmarks.made import write_images

@@ -17,7 +17,7 @@ from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
-from geovp_classic.data.windows import Recording
+from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}

@@ -16,7 +16,7 @@ from geovp_classic.errors import Incompatible, UnknownComponent
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.odometry.recorded import Recorded as RecordedPast
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.renderers.depth_fusion import DepthFusion

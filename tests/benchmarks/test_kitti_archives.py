@@ -6,7 +6,7 @@ import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.matrix import protocols
-from geovp_classic.data import kitti_archives
+from geovp_classic.data.layouts import kitti_archives
 
 
 def test_odometry_names_what_each_sequence_lacks(tmp_path: Path) -> None:

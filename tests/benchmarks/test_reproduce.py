@@ -13,7 +13,7 @@ from geovp_benchmarks import cli, plots
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import published
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import pinhole
 

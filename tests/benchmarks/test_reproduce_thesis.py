@@ -9,7 +9,7 @@ import pytest
 
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.results.store import Results
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 from geovp_classic.data.synthetic.dataset import Synthetic
 from tests.benchmarks.conftest import write_kitti
 

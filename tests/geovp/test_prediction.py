@@ -19,7 +19,7 @@ from geovp.predict import exports, prediction
 from geovp.predict.request import PredictionRequest, output_size
 from geovp.provenance import code_hash
 from geovp_benchmarks import cli
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics, Motion, Trajectory
 from tests.benchmarks.conftest import Command, Says

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from geovp_benchmarks.tables.formats import escape
 from geovp_classic import files
-from geovp_classic.data import frames, pose_files
+from geovp_classic.data.formats import pose_files
+from geovp_classic.data.frames import image_frames
 from geovp_classic.errors import BadData
 
 
@@ -25,12 +26,12 @@ def test_only_regular_files_below_the_limit_are_read(tmp_path: Path, name: str) 
 
 def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "wide.png"), np.zeros((1, 2**16), np.uint8))
-    assert frames.read_image(tmp_path / "wide.png").shape == (1, 2**16, 3)
+    assert image_frames.read_image(tmp_path / "wide.png").shape == (1, 2**16, 3)
     content = bytearray((tmp_path / "wide.png").read_bytes())
     content[20:24] = (2**16).to_bytes(4, "big")  # the height in IHDR
     (tmp_path / "tall.png").write_bytes(content)
     with pytest.raises(BadData):
-        frames.read_image(tmp_path / "tall.png")
+        image_frames.read_image(tmp_path / "tall.png")
 
 
 def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:

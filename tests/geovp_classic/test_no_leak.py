@@ -13,7 +13,7 @@ from geovp_classic import registry
 from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
-from geovp_classic.odometry.recorded import Recorded as RecordedPast
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.pose_sources.planar import Planar
@@ -166,7 +166,13 @@ def test_the_witness_notices_a_leak() -> None:
 def test_deeply_nested_components_are_watched() -> None:
     source = Planar(Chained(RecordedPast(), registry.build("forecasters", "hold")))
     calls = calls_of("predictors", GeometricPredictor(source, DepthFusion(Given())))
-    assert [name for name, _ in calls] == ["Planar", "Chained", "Recorded", "DepthFusion", "Given"]
+    assert [name for name, _ in calls] == [
+        "Planar",
+        "Chained",
+        "RecordedPast",
+        "DepthFusion",
+        "Given",
+    ]
     assert all(fields == [] for _, fields in calls)
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from geovp_benchmarks.matrix import protocols
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import grid
-from geovp_classic.data import kitti_archives, splits
-from geovp_classic.data.windows import FrameRange
+from geovp_classic.data.layouts import kitti_archives
+from geovp_classic.data.recordings import splits
+from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
 
 

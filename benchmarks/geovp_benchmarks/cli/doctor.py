@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
     from geovp_benchmarks.audit import completeness
     from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.data import layouts
     from geovp_classic.data.doctor import Doctor
+    from geovp_classic.data.layouts import detection
 
     if args.protocol:
         lines = completeness.missing_for_protocol(args.root, args.protocol)
@@ -53,6 +53,6 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     for finding in diagnosis.findings:
         yield f"{finding.severity}: {finding}"
     yield f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}"
-    name, dataset = layouts.detect(args.root)
+    name, dataset = detection.detect(args.root)
     yield from completeness.missing_archives(args.root, name, dataset.folders())
     return int(not diagnosis.is_sound)

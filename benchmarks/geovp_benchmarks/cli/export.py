@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> Lines:
     import numpy as np
 
     from geovp_benchmarks.results.store import Results
-    from geovp_classic.data.atomic import atomic_write
+    from geovp_classic.atomic import atomic_write
 
     results = Results(args.folder)
     with duckdb.connect() as database, atomic_write(args.out) as scratch:

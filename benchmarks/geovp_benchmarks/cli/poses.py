@@ -40,10 +40,11 @@ def run(args: argparse.Namespace) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
     from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
-    from geovp_classic.data import layouts, pose_files
+    from geovp_classic.data.formats import pose_files
+    from geovp_classic.data.layouts import detection
 
     table = args.root if isinstance(args.root, dict) else {"root": args.root}
-    data: dict[str, Any] = {**layouts.spec(Path(table["root"])), **table}
+    data: dict[str, Any] = {**detection.spec(Path(table["root"])), **table}
     if args.clips is not None:
         data = {"stride": 5, "size_px": [256, 256], **data}
         for name, paths in track_clips(data, args.frames, args.odometry, args.clips):

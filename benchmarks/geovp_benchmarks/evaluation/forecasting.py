@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from geovp.progress import tracked
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane
 from geovp_classic.forecasting.planar_forecaster import PlanarForecast, PlanarForecaster

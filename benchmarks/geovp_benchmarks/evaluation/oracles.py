@@ -27,7 +27,7 @@ from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource, PoseSource, Renderer, Scene
-from geovp_classic.odometry.recorded import Recorded
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -152,7 +152,7 @@ def with_true_depth(renderer: Renderer, clip: Clip) -> Renderer | None:
 def with_recorded_past(source: Any) -> PoseSource | None:
     """Return the source with recorded poses as odometry; None if it has no odometry."""
     if isinstance(source, Chained):
-        return replace(source, odometry=Recorded())
+        return replace(source, odometry=RecordedPast())
     inner = with_recorded_past(source.source) if hasattr(source, "source") else None
     return None if inner is None else replace(source, source=inner)
 

@@ -14,7 +14,7 @@ from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 
 
 def write(results: Results, options: plots.Options) -> None:

@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from geovp_classic import files
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 

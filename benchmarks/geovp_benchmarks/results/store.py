@@ -29,7 +29,7 @@ from geovp_benchmarks.results.records import Method
 from geovp_benchmarks.results.score_files import Facts, NewestRecords, ScoreFiles, ScoreRecord
 from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.types import Clip, Prediction
 

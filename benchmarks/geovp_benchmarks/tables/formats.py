@@ -14,7 +14,7 @@ from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.table_model import Table
 from geovp_benchmarks.tables.templates import template
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 
 
 def write_all(results: Results, tables: Sequence[Table]) -> None:

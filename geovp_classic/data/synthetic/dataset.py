@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from geovp_classic.data.frames import Array
+from geovp_classic.data.frames.image_frames import Array
 from geovp_classic.data.synthetic.rendering import Optics, render_drive
 from geovp_classic.data.synthetic.roads import Journey, world_from_vehicle
 from geovp_classic.data.synthetic.street import MANOEUVRES, build_street

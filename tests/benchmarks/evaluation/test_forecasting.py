@@ -16,7 +16,7 @@ from geovp_benchmarks.evaluation.forecasting import (
     window_scores,
 )
 from geovp_classic import registry
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import BodyForecast
 from geovp_classic.forecasting.constant import Hold

@@ -16,7 +16,7 @@ from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import planar, se3
-from geovp_classic.odometry.recorded import Recorded
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.refined import Refined
@@ -162,7 +162,7 @@ def test_true_positions_are_in_the_unit_of_the_past() -> None:
     np.testing.assert_allclose(ahead(everything), np.subtract(FASTER, 4), atol=1e-9)
 
 
-RECORDED = Chained(Recorded(), ConstantVelocity())
+RECORDED = Chained(RecordedPast(), ConstantVelocity())
 
 
 def test_holes_are_copied_from_the_real_frame() -> None:

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 pytest.importorskip("torch", reason="torch is not installed: fits need the extra 'learned'")
 
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import kalman as shipped
 from geovp_classic.forecasting import motion_network, motion_prior

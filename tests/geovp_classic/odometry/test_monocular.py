@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
-from geovp_classic.data.kitti import Kitti
+from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane

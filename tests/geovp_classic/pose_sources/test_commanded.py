@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.pose_sources.commanded import Commanded

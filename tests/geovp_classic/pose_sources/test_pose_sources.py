@@ -11,7 +11,7 @@ from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseSource
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.recorded import Recorded as RecordedPast
+from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.pose_sources.constant_velocity import ConstantVelocity

@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic.data import pose_files
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
-from geovp_classic.predictors.recorded import Recorded
+from geovp_classic.predictors.recorded_predictions import RecordedPredictions
 from geovp_classic.types import (
     ByteArray,
     Clip,
@@ -135,14 +135,14 @@ def folder(tmp_path: Path) -> Path:
 class TestRecorded:
     def test_folder_of_images(self, folder: Path, context: Context, frames: ByteArray) -> None:
         write_images(folder / "03/000180", frames)
-        prediction = Recorded(folder).predict(context)
+        prediction = RecordedPredictions(folder).predict(context)
         np.testing.assert_array_equal(prediction.frames, frames[None])
         assert prediction.covered is prediction.motion is None
 
     def test_npz(self, folder: Path, context: Context, frames: ByteArray) -> None:
         covered = frames[..., 0] > 100
         np.savez(folder / "03/000180.npz", frames=frames, covered=covered)
-        prediction = Recorded(folder).predict(context, num_samples=100)
+        prediction = RecordedPredictions(folder).predict(context, num_samples=100)
         np.testing.assert_array_equal(prediction.frames, frames[None])
         np.testing.assert_array_equal(prediction.covered, covered[None])
 
@@ -157,7 +157,7 @@ class TestRecorded:
     ) -> None:
         write_images(folder / "03/000180", frames)
         write(folder / "03/000180.txt", clip.trajectory)
-        recorded = Recorded(folder, poses=folder, poses_are_metric=False)
+        recorded = RecordedPredictions(folder, poses=folder, poses_are_metric=False)
         motion = recorded.predict(context).motion
         poses = np.concatenate([motion.past.world_from_cam, motion.futures[0]])
         np.testing.assert_allclose(poses, clip.trajectory.world_from_cam, atol=1e-12)
@@ -184,7 +184,7 @@ class TestInvalidRecords:
     ) -> None:
         np.savez(folder / "03/000180.npz", **arrays)
         with pytest.raises(BadData, match=r"000180\.npz"):
-            Recorded(folder).predict(context, num_samples=4)
+            RecordedPredictions(folder).predict(context, num_samples=4)
 
     @pytest.mark.parametrize(
         ("names", "message"),
@@ -206,13 +206,13 @@ class TestInvalidRecords:
             if path.suffix == ".png":
                 cv2.imwrite(str(path), np.zeros((size, 4)))
         with pytest.raises(BadData, match=message):
-            Recorded(folder).predict(context)
+            RecordedPredictions(folder).predict(context)
 
     def test_missing_poses(
         self, folder: Path, context: Context, clip: Clip, frames: ByteArray
     ) -> None:
         write_images(folder / "03/000180", frames)
-        predictor = Recorded(folder, poses=folder)
+        predictor = RecordedPredictions(folder, poses=folder)
         with pytest.raises(BadData, match=r"000180\.txt: does not exist"):
             predictor.predict(context)
         pose_files.write_tum(folder / "03/000180.txt", clip.trajectory[:NUM_PAST])
@@ -221,6 +221,6 @@ class TestInvalidRecords:
 
     def test_no_folder_or_no_name(self, folder: Path, context: Context) -> None:
         with pytest.raises(BadData, match="nowhere is not a folder"):
-            Recorded(folder / "nowhere")
+            RecordedPredictions(folder / "nowhere")
         with pytest.raises(BadData, match="predictions of clip ''"):
-            Recorded(folder).predict(replace(context, name=""))
+            RecordedPredictions(folder).predict(replace(context, name=""))

@@ -1,0 +1,1 @@
+"""Files of other programs: poses, calibrations and robot logs."""

@@ -1,0 +1,181 @@
+"""Cameras from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS
+and Kalibr YAML.
+
+EXIF data of photos give a focal length alone.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from PIL import ExifTags, Image
+
+from geovp_classic import files
+from geovp_classic.data.findings import RAISE, BadFile, Finding, parse_numbers
+from geovp_classic.data.frames.image_frames import Size
+from geovp_classic.data.frames.undistortion import DistortedCamera
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Intrinsics
+
+KITTI_CAMERAS = (
+    2,
+    0,
+    1,
+    3,
+)  # by preference: left colour, left grey, then the others
+# COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
+MODELS = {
+    "none": "FULL_OPENCV",
+    "plumb_bob": "FULL_OPENCV",
+    "radtan": "FULL_OPENCV",
+    "radial-tangential": "FULL_OPENCV",
+    "rational_polynomial": "FULL_OPENCV",
+    "equidistant": "OPENCV_FISHEYE",
+    "fisheye": "OPENCV_FISHEYE",
+}
+
+
+def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
+    """Read the camera of images of a size.
+
+    Of several cameras in KITTI's files, it is that of the folder `images`/.../image_K, else the
+    preferred one. BadData if the file is about images of another aspect ratio.
+    """
+    text = files.read_text(path, files.MIB)
+    formats = (
+        "give KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain "
+        "(.yaml)"
+    )
+    with files.checked(f"{path} is not a calibration", formats):
+        if path.suffix.lower() in (".yaml", ".yml"):
+            camera = camera_of_yaml(load_yaml(text))
+        elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
+            folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
+            cameras = [folder[1]] if folder else KITTI_CAMERAS
+            names = [f"{match[1]}{camera}" for camera in cameras]
+            name = next((name for name in names if f"{name}:" in text), names[0])
+            camera, _ = read_projection(path, name, size_px)
+        else:
+            camera = _camera_of_colmap(text)
+    return scaled_to(camera, size_px, str(path))
+
+
+def scaled_to(camera: DistortedCamera, size_px: Size, source: str) -> DistortedCamera:
+    """Return the camera for images of another size; BadData if the aspect ratio differs, too."""
+    width_px, height_px = camera.size_px
+    if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
+        raise BadData(
+            f"{source} is about images of {width_px}x{height_px}, these are "
+            f"{size_px[0]}x{size_px[1]}: give the file of this camera, or --intrinsics"
+        )
+    return replace(camera, pinhole=camera.pinhole.resized(*size_px))
+
+
+def exif_focal_px(photo: Path | None, film_diagonal_mm: float = 43.27) -> float | None:
+    """Return the focal length in pixels by the 35 mm equivalent in a photo's EXIF data.
+
+    None if the data state none. The equivalent refers to a film of 36 x 24 mm (CIPA DCG-001).
+    """
+    try:
+        assert photo is not None
+        with files.opened(photo) as file, Image.open(file) as image:
+            tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
+            equivalent_mm = float(tags[ExifTags.Base.FocalLengthIn35mmFilm])
+            diagonal_px = float(np.hypot(*image.size))
+    # many programs write bad EXIF data, for which Pillow raises many types
+    except Exception:
+        return None
+    is_plausible = 0 < equivalent_mm < 5000
+    return equivalent_mm * diagonal_px / film_diagonal_mm if is_plausible else None
+
+
+def read_entry(path: Path, name: str, count: int) -> FloatArray:
+    """Read the numbers of the line `name: ...` in one of KITTI's files; BadData without them.
+
+    A line without a colon has the name "".
+    """
+    for line, text in RAISE.lines(path):
+        key, _, numbers = text.rpartition(":")
+        if key == name:
+            with RAISE.catch(path, line):
+                return parse_numbers(numbers.split(), count)
+    raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
+
+
+def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCamera, FloatArray]:
+    """Read the projection K [I | t] of a rectified camera in one of KITTI's files.
+
+    Return the camera, and cam_from_cam0 [4, 4]; BadData for another projection.
+    """
+    projection = read_entry(path, name, 12).reshape(3, 4)
+    (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
+    with RAISE.catch(path):
+        view = Intrinsics(fx, fy, cx, cy, *size_px)
+    if not np.allclose(projection[:, :3], view.matrix):
+        raise BadData(
+            f"{path}: {name} is not K [I | t] of a rectified camera: expected zeros beside the "
+            "focal lengths, and 0 0 1 below"
+        )
+    translation = np.linalg.solve(view.matrix, projection[:, 3])
+    return DistortedCamera(view), se3.compose(np.eye(3), translation)
+
+
+def load_yaml(text: str) -> Mapping[str, Any]:
+    """Load the table of a YAML file, that of the first camera in a Kalibr camchain."""
+    # OpenCV's files begin with a line that is not YAML 1.1
+    table = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))
+    return dict(table.get("cam0", table))
+
+
+def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
+    """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout.
+
+    ValueError, KeyError or TypeError for other camera models than pinhole, unknown distortion
+    models and missing numbers.
+    """
+
+    def first(*keys: str) -> Any:
+        return next((table[key] for key in keys if key in table), None)
+
+    if table.get("camera_model", "pinhole") != "pinhole":
+        raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
+    if "intrinsics" in table:
+        numbers = table["intrinsics"]
+        size_px = table["resolution"]
+    else:
+        matrix = np.reshape(matrix_data(first("camera_matrix", "K", "k")), 9)
+        numbers = matrix[[0, 4, 2, 5]]
+        size_px = first("image_width", "width"), first("image_height", "height")
+    fx, fy, cx, cy = map(float, numbers)
+    view = Intrinsics(fx, fy, cx, cy, *map(int, size_px))
+    distortion = matrix_data(first("distortion_coeffs", "distortion_coefficients", "D", "d"))
+    model = MODELS[table.get("distortion_model") or "none"]
+    return DistortedCamera(view, model, tuple(map(float, distortion)))
+
+
+def matrix_data(value: Any) -> list[Any]:
+    """Return the numbers of a matrix, which ROS writes as a list or below `data`."""
+    return list(value["data"] if isinstance(value, Mapping) else value or [])
+
+
+def _camera_of_colmap(text: str) -> DistortedCamera:
+    """Parse the only camera of a cameras.txt."""
+    from geovp_classic.colmap_library import pycolmap
+
+    (line,) = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    _, name, width_px, height_px, *params = line.split()
+    # a Camera(model=name) would leak for unknown names
+    camera = pycolmap.Camera(
+        model=pycolmap.CameraModelId(name),
+        width=int(width_px),
+        height=int(height_px),
+        params=list(map(float, params)),
+    )
+    if not camera.verify_params() or max(camera.width, camera.height) > 2**16:
+        raise ValueError(f"{line[:80]!r} is not a camera")
+    return DistortedCamera.from_colmap(camera)

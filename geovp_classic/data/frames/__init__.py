@@ -1,0 +1,1 @@
+"""Frames of one camera, read one at a time: image files or a video, and lens distortion."""

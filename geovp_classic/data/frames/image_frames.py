@@ -1,0 +1,192 @@
+"""Frames of one camera in image files, read one at a time.
+
+Images are decoded only if they are complete. PNG has a checksum for every chunk. JPEG, WebP, BMP,
+PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
+"""
+
+import io
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from geovp_classic import files
+from geovp_classic.data.findings import Findings
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray, FloatArray
+
+MAX_PIXELS = 2**25  # 8192 x 4096; 8K video has 7680 x 4320
+Array = npt.NDArray[Any]
+Load = Callable[[Path], Array]
+Size = tuple[int, int]  # (width, height)
+
+
+class FrameReader(Protocol):
+    """Frames by number, all of one size; the same number gives the same image."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+
+    def read(self, index: int) -> ByteArray:
+        """Return one frame [H, W, 3]; BadData names the file that is wrong."""
+
+
+def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
+    """Return the image of a file, or of its content, as OpenCV decodes it.
+
+    BadData if the file is damaged.
+    """
+    data = files.read_bytes(path) if content is None else content
+    what = f"{path} cannot be decoded as an image"
+    _check_image(path, io.BytesIO(data))
+    with files.checked(what, "restore the file"):
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        if image is None:
+            raise ValueError("its pixels are damaged")
+        return image
+
+
+def read_image(path: Path, bits: int | None = None, content: bytes | None = None) -> ByteArray:
+    """Return the RGB image [H, W, 3] of a file or of its content, grey ones with equal channels.
+
+    `bits` is the number of used bits of an image with 16 bits per channel, of which the upper 8
+    are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
+    alike. BadData if the file is damaged.
+    """
+    image = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, content)
+    return cv2.cvtColor(to_8_bits(path, image, bits), cv2.COLOR_BGR2RGB)
+
+
+def to_8_bits(path: Path, image: Array, bits: int | None) -> ByteArray:
+    """Return the upper 8 of an image's used `bits`, as in `read_image`."""
+    if image.dtype == np.uint16 and bits is not None and 8 <= bits <= 16:
+        if (max_value := image.max()) >= 2**bits:
+            raise BadData(
+                f"{path} has the value {max_value}, more than {bits} bits hold: give a larger "
+                "image_bits"
+            )
+        image = (image >> (bits - 8)).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise BadData(
+            f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
+            "or set image_bits to the number of used bits (8 to 16) if they are uint16"
+        )
+    return image
+
+
+def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:
+    """Return a depth image [H, W] in metres; BadData for an image of another type."""
+    image = decode(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise BadData(
+            f"{path} holds {image.dtype} in {image.ndim} dimensions, expected a depth image of "
+            "one channel of 16 bits: restore the file"
+        )
+    return (image / values_per_m).astype(np.float32)
+
+
+def image_size(path: Path) -> Size:
+    """Return (width, height) of an image file; BadData if it is incomplete."""
+    with files.opened(path) as file:
+        return _check_image(path, file)
+
+
+def _check_image(path: Path, file: BinaryIO) -> Size:
+    """Return (width, height); BadData if the image is too large, truncated or damaged.
+
+    OpenCV would show the missing part of a truncated image in grey.
+    """
+    what = f"{path} cannot be decoded as an image"
+    with files.checked(what, "restore or shrink it"), Image.open(file) as image:
+        size_px = image.size
+        if math.prod(size_px) > MAX_PIXELS:
+            raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+        # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
+        # eighth of its size
+        if image.format in ("PNG", "WEBP"):
+            image.verify()
+        else:
+            image.draft("RGB", (1, 1))
+            image.load()
+    return size_px
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """One image file per frame."""
+
+    paths: tuple[Path | None, ...]  # N; None for an image that is 0 everywhere
+    sizes_px: tuple[Size, ...]  # N, (width, height) that a file must have
+    load: Load = read_image
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def read(self, index: int) -> Array:
+        """Return one frame [H, W, ...]; BadData if its file is damaged or of another size."""
+        path = self.paths[index]
+        width_px, height_px = self.sizes_px[index]
+        if path is None:
+            return np.zeros((height_px, width_px), np.float32)
+        image = self.load(path)
+        if image.shape[:2] != (height_px, width_px):
+            raise BadData(
+                f"{path} is {image.shape[1]}x{image.shape[0]} pixels, expected "
+                f"{width_px}x{height_px} as the first frame or the calibration: restore the file"
+            )
+        return image
+
+
+def is_image(path: Path) -> bool:
+    """Return whether a file has the name of a visible image."""
+    return bool(
+        re.fullmatch(
+            r"[^.].*\.(png|jpe?g|webp|bmp|tiff?|p[gp]m|jp2)",
+            path.name,
+            re.IGNORECASE,
+        )
+    )
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Return the images of a folder by name, numbers in names counted as numbers (2 before 10)."""
+    what = f"{folder} cannot be listed"
+    with files.checked(what, "give a video or a folder of images"):
+        return sorted(filter(is_image, folder.iterdir()), key=natural_order)
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts file names with numbers in them counted as numbers."""
+    pieces = re.findall(r"\d+|\D", path.name)
+    return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in pieces]
+
+
+def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:
+    """Return the images 000000, 000001, ... of a folder; report gaps, duplicates, other files."""
+    images: dict[int, Path] = {}
+    for path in sorted(folder.glob("[!.]*")):
+        if not is_image(path) or not path.stem.isdecimal():
+            findings.add(path, "is not a numbered image: ignored", severity="note")
+            continue
+        first = images.setdefault(int(path.stem), path)
+        if first != path:
+            findings.add(path, f"has the same number as {first.name}: keep one of them")
+    missing = set(range(len(images))) - images.keys()
+    if not images:
+        findings.add(
+            folder,
+            "holds no images, expected 000000.png (or jpg, webp, ...) and so on",
+        )
+    if missing:
+        findings.add(
+            folder,
+            f"lacks frame {min(missing):06d}: number frames without a gap",
+        )
+    return tuple(images[number] for number in sorted(images))

@@ -1,0 +1,1 @@
+"""Layouts of data sets: which files hold images, times, cameras and poses."""

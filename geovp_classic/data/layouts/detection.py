@@ -1,0 +1,59 @@
+"""The data set that a folder holds, by what lies in it."""
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from geovp_classic.data.layouts.cityscapes import Cityscapes
+from geovp_classic.data.layouts.colmap import Colmap
+from geovp_classic.data.layouts.euroc import Euroc
+from geovp_classic.data.layouts.folder import Folder
+from geovp_classic.data.layouts.kitti import Kitti
+from geovp_classic.data.layouts.kitti_raw import KittiRaw
+from geovp_classic.data.layouts.rosbag import RosBag
+from geovp_classic.data.layouts.tum import Tum
+from geovp_classic.errors import BadData
+
+LAYOUTS: dict[str, Any] = {
+    "kitti-raw": KittiRaw,
+    "kitti": Kitti,
+    "cityscapes": Cityscapes,
+    "tum": Tum,
+    "euroc": Euroc,
+    "colmap": Colmap,
+    "rosbag": RosBag,
+    "folder": Folder,
+}
+
+
+def detect(root: Path) -> tuple[str, Any]:
+    """Return the name of a folder's data set, and the data set itself with default settings.
+
+    Nothing else of it was checked, which is for the doctor to do. BadData if the folder looks like
+    no data set.
+    """
+    for name, layout in LAYOUTS.items():
+        dataset = layout.__new__(layout)
+        vars(dataset)[root_field(name)] = root
+        with contextlib.suppress(BadData):
+            dataset.folders()
+            return name, dataset
+    raise BadData(
+        f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
+        "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, or a folder "
+        "of images"
+    )
+
+
+def root_field(name: str) -> str:
+    """Return the name of the field that holds a data set's folder."""
+    return "path" if name == "folder" else "root"
+
+
+def spec(root: Path) -> dict[str, Any]:
+    """Return the table of the data set in a folder, as `registry.build` takes it.
+
+    A folder of images needs intrinsics, too.
+    """
+    name, _ = detect(root)
+    return {"name": name, root_field(name): root}

@@ -1,0 +1,118 @@
+"""Clips of a folder of images, of several below one root, or of a video, with a camera that the
+user gives.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.formats import pose_files
+from geovp_classic.data.frames.image_frames import (
+    FrameFiles,
+    FrameReader,
+    image_files,
+)
+from geovp_classic.data.frames.video_frames import VideoFrames
+from geovp_classic.data.recordings.sequences import Scan, SequenceDataset, sequence_folders
+from geovp_classic.data.recordings.windows import Recording
+from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray, Intrinsics
+
+DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
+
+
+@dataclass(frozen=True)
+class Folder(SequenceDataset):
+    """The images of a folder in the order of their names (2 before 10), or the frames of a video.
+
+    A folder without images of its own is a root: each folder of images in it is a sequence,
+    `times` and `trajectory` are files in each. `sequences` names some of them, or frames of them
+    ("city", "city[100:400)").
+
+    `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored; (0, 0) is the
+    centre of the top-left one. Times come from the file `times` (one number a line) or from
+    `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else from the video's own
+    rate, else 10 Hz are assumed. `trajectory` is a KITTI or TUM file with one pose a frame;
+    `is_metric` says whether its unit is the metre. Other settings are `SequenceDataset`'s.
+    """
+
+    path: Path
+    intrinsics: tuple[float, float, float, float]
+    frame_rate_hz: float | None = None
+    times: Path | None = None
+    trajectory: Path | None = None
+    is_metric: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", Path(self.path))  # scripts give text
+        rate_hz = self.frame_rate_hz
+        if rate_hz is not None and not 0.02 <= rate_hz < np.inf:
+            raise BadData(f"frame_rate_hz is {rate_hz}, expected a number of at least 0.02")
+        if rate_hz is not None and self.times is not None:
+            raise BadData("both frame_rate_hz and times are given: keep one of them")
+        self._check()
+
+    @property
+    def name(self) -> str:
+        """Return the data set's name in results: that of the folder or the video."""
+        path = self.path.resolve()
+        return path.name if path.is_dir() else path.stem
+
+    @property
+    def split_hash(self) -> str:
+        """Return the hash of `ranges` of several sequences; "" for one."""
+        return super().split_hash if self._is_root else ""
+
+    def folders(self) -> dict[str, Path]:
+        """Return the folders of images by name: the path, or those in it if it has no images."""
+        if self.path.is_file():
+            return {self.name: self.path}
+        expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
+        return sequence_folders(
+            self.path,
+            lambda path: not path.is_file() and bool(image_files(path)),
+            expected,
+        )
+
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
+        """Scan a folder of images, which has neither calibration nor poses."""
+        images = tuple(image_files(folder))
+        return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ)}
+
+    @property
+    def _is_root(self) -> bool:
+        return self.path not in self._folders.values()
+
+    def _read(self, name: str, folder: Path) -> Recording:
+        reader: FrameReader
+        if folder.is_file():
+            reader = VideoFrames(folder)
+            size_px = reader.size_px
+            rate_hz = reader.rate_hz
+        else:
+            images = tuple(image_files(folder))
+            size_px = self._load(images[0]).shape[1::-1]
+            reader = FrameFiles(images, (size_px,) * len(images), self._load)
+            rate_hz = DEFAULT_RATE_HZ
+        camera = Intrinsics(*self.intrinsics, *size_px)
+        folder = folder if self._is_root else Path()
+        rate_hz = self.frame_rate_hz or rate_hz
+        times_s: FloatArray | None = None
+        if self.times is not None:
+            times_s = pose_files.read_times(folder / self.times)
+        elif rate_hz is not None:
+            times_s = np.arange(len(reader)) / rate_hz
+        trajectory = None
+        if self.trajectory is not None:
+            trajectory = pose_files.read_trajectory(
+                folder / self.trajectory, times_s, is_metric=self.is_metric
+            )
+            if self.frame_rate_hz is None and self.times is None:
+                times_s = trajectory.times_s
+            elif times_s is not None and len(trajectory) == len(times_s):
+                trajectory = replace(trajectory, times_s=times_s)
+        if times_s is None:
+            raise BadData(f"{name} does not state its frame rate: give frame_rate_hz")
+        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)

@@ -1,0 +1,1 @@
+"""Long recordings, the clips that are cut from them, and named splits."""

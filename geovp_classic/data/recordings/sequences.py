@@ -1,0 +1,360 @@
+"""Data sets of several sequences below one root, and the frames that their clips are cut from.
+
+A layout (`kitti`, `kitti_raw`, `cityscapes`, `tum`, `euroc`, `colmap`, `rosbag`, `folder`) scans a
+sequence into a `Scan`, and adds what is wrong with its files to the findings: a data set raises the
+first error, the doctor lists all of them.
+"""
+
+import dataclasses
+import functools
+import itertools
+import os
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+
+from geovp_classic import files
+from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.frames import image_frames
+from geovp_classic.data.frames.image_frames import FrameFiles, Load
+from geovp_classic.data.frames.undistortion import (
+    DistortedCamera,
+    UndistortedFrames,
+    common_pinhole,
+)
+from geovp_classic.data.recordings import splits, windows
+from geovp_classic.data.recordings.windows import Fit, FrameRange, Recording
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, FloatArray, IntArray, Trajectory
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A sequence of N images, whose times, poses and depths were matched to them."""
+
+    images: tuple[Path, ...]  # N, files, or names that `load` knows
+    times_s: FloatArray  # [N], increasing; NaN where a line is bad
+    cameras: tuple[DistortedCamera, ...] = ()  # N; empty without a calibration
+    # [N, 4, 4], NaN for an image without a pose; None if no poses are recorded
+    world_from_cam: FloatArray | None = None
+    depths: tuple[Path | None, ...] | None = None  # N
+    is_metric: bool = True
+    # of one of several cameras
+    rig_from_cam: FloatArray = field(default_factory=lambda: np.eye(4))
+    camera_height_m: float | None = None  # by the calibration
+    load: Load | None = None  # of images that are not files
+
+    def mounted(
+        self,
+        camera: DistortedCamera,
+        rig_from_cam: FloatArray,  # [4, 4]
+        world_from_rig: FloatArray | None = None,  # [N, 4, 4]
+    ) -> "Scan":
+        """Return the scan of a camera on a rig, whose poses may be known."""
+        poses = world_from_rig
+        if poses is not None:
+            poses = poses @ rig_from_cam
+        return replace(
+            self,
+            cameras=(camera,) * len(self.images),
+            rig_from_cam=rig_from_cam,
+            world_from_cam=poses,
+        )
+
+    @property
+    def posed(self) -> IntArray:
+        """Return the numbers of the images with a pose, or of all if no poses are recorded."""
+        if self.world_from_cam is None:
+            return np.arange(len(self.images))
+        return np.flatnonzero(np.isfinite(self.world_from_cam).all(axis=(1, 2)))
+
+    @property
+    def breaks(self) -> tuple[int, ...]:
+        """Return the places among `posed` that do not follow the one before.
+
+        An image lacks its pose there, or lies in another folder.
+        """
+        posed = [(number, self.images[number].parent) for number in self.posed]
+        pairs = enumerate(itertools.pairwise(posed), 1)
+        return tuple(
+            place
+            for place, ((before, folder), following) in pairs
+            if following != (before + 1, folder)
+        )
+
+
+def sequence_folders(
+    root: Path, is_sequence: Callable[[Path], bool], expected: str
+) -> dict[str, Path]:
+    """Return the sequences of a root by name: the root itself, else those in it.
+
+    BadData if there is none.
+    """
+    if is_sequence(root):
+        return {root.resolve().name: root}
+    folders = {path.name: path for path in sorted(root.glob("*")) if is_sequence(path)}
+    if not folders:
+        raise BadData(
+            f"{root} does not exist or holds no sequence: give {expected}, or a folder of several"
+        )
+    return folders
+
+
+def nearest(
+    times_s: FloatArray,  # [N]
+    others_s: FloatArray,  # [M], increasing
+    max_difference_s: float,
+) -> IntArray:
+    """Return the number [N] of the other time nearest to each, -1 beyond the difference."""
+    if not len(others_s):
+        return np.full(len(times_s), -1)
+    closest = np.searchsorted((others_s[1:] + others_s[:-1]) / 2, times_s)
+    is_near = np.abs(others_s[closest] - times_s) <= max_difference_s
+    return np.where(is_near, closest, -1)
+
+
+def nearest_poses(
+    times_s: FloatArray,  # [N]
+    pose_times_s: FloatArray,  # [M], increasing; NaN where a line is bad
+    poses: FloatArray,  # [M, 4, 4]
+    max_difference_s: float,
+) -> FloatArray:
+    """Return the pose [N, 4, 4] nearest in time, NaN beyond the difference."""
+    good = np.isfinite(pose_times_s)
+    numbers = nearest(times_s, pose_times_s[good], max_difference_s)
+    with_missing = np.append(poses[good], np.full((1, 4, 4), np.nan), axis=0)
+    return with_missing[numbers]
+
+
+def read_list(
+    path: Path, folder: Path, findings: Findings, separator: str = " "
+) -> tuple[FloatArray, tuple[Path, ...]]:
+    """Read a list of times [N] and images in a folder, without its bad lines."""
+
+    def parse_line(text: str) -> tuple[float, Path]:
+        time, _, name = map(str.strip, text.partition(separator))
+        numbers = parse_numbers([time], 1)
+        if not files.leads_inside(name) or not os.path.isfile(folder / name):
+            raise BadData(
+                f"there is no file {name[:200]!r} in the folder, expected 'time{separator}file': "
+                "restore it or remove the line"
+            )
+        return numbers[0], folder / name
+
+    times_s, images = findings.parse(path, parse_line)
+    return np.array(times_s, np.float64), tuple(images)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceDataset(ABC):
+    """Clips of sequences, one every `stride` frames, and the settings that all data sets share.
+
+    `sequences` names sequences or frames of them ("06", "03[180:360)"); without it, all are used.
+    Frames are cropped to their central square at `size_px`, or with `fit = "stretch"` resized
+    whole; `with_full` adds the uncropped ones. `image_bits` is the number of used bits of 16-bit
+    images. Everything but the images is checked on construction.
+    """
+
+    sequences: tuple[str, ...] | None = None
+    num_frames: int = 30
+    stride: int = 10
+    size_px: tuple[int, int] = (256, 256)
+    fit: Fit = "crop"
+    with_full: bool = False
+    camera_height_m: float | None = None
+    image_bits: int | None = None
+
+    def _check(self) -> None:
+        """Raise BadData unless all named sequences can be used."""
+        width_px, height_px = self.size_px
+        if self.num_frames < 2 or self.stride < 1:
+            raise BadData(
+                f"num_frames is {self.num_frames}, stride is {self.stride}: expected 2 or more, to "
+                "observe and to predict, and 1 or more between the starts of clips"
+            )
+        if min(self.size_px) < 1 or (self.fit == "crop" and width_px != height_px):
+            raise BadData(
+                f"size_px is {list(self.size_px)}, expected a square: frames are cropped to one "
+                "and then resized"
+            )
+        for name, count in Counter(self.clip_names).items():
+            files.check_name(name, "the clip")
+            if count > 1:
+                raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the settings alone, so that a copy in another process reads its own files."""
+        names = [item.name for item in dataclasses.fields(self)]
+        return {name: getattr(self, name) for name in names}
+
+    @cached_property
+    def ranges(self) -> tuple[FrameRange, ...]:
+        """Return the frames that clips are cut from, every end spelled out.
+
+        They are broken where the recording is.
+        """
+        ranges: list[FrameRange] = []
+        for frame_range in self._named_ranges():
+            recording = self.recordings[frame_range.sequence]
+            complete = frame_range.within(len(recording.frames))
+            ranges += windows.pieces(complete, recording.breaks, self.num_frames)
+        return tuple(ranges)
+
+    @property
+    def split_hash(self) -> str:
+        """Return the hash of `ranges`, which is the same for clips from the same frames."""
+        return splits.content_hash(self.ranges)
+
+    @cached_property
+    def _starts(self) -> list[tuple[str, int]]:
+        """Return sequence and first frame of each clip."""
+        return [
+            (frame_range.sequence, first)
+            for frame_range in self.ranges
+            for first in frame_range.starts(self.num_frames, self.stride)
+        ]
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """Return the clips' names in order, without reading the clips."""
+        return tuple(itertools.starmap(windows.clip_name, self._starts))
+
+    @cached_property
+    def recordings(self) -> dict[str, Recording]:
+        """Return the sequences in use, by name."""
+        recordings = {}
+        for frame_range in self._named_ranges():
+            name = frame_range.sequence
+            if name not in self._folders:
+                names = ", ".join(self._folders) or "none"
+                raise BadData(f"there is no sequence {name!r}: name one of {names}")
+            if name not in recordings:
+                recordings[name] = self._read(name, self._folders[name])
+        return recordings
+
+    @cached_property
+    def _load(self) -> Load:
+        """Return the function that reads an image; clips overlap."""
+        load = functools.partial(image_frames.read_image, bits=self.image_bits)
+        return functools.lru_cache(maxsize=2 * self.num_frames)(load)
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    def __getitem__(self, index: int) -> Clip:
+        """Return one clip; BadData names the image that is wrong."""
+        sequence, first = self._starts[index]
+        return windows.cut(
+            self.recordings[sequence],
+            first,
+            self.num_frames,
+            self.size_px,
+            with_full=self.with_full,
+            fit=self.fit,
+        )
+
+    def _named_ranges(self) -> tuple[FrameRange, ...]:
+        """Return the frames that the settings name."""
+        ranges = map(FrameRange, self._folders)
+        if self.sequences is not None:
+            ranges = map(FrameRange.parse, self.sequences)
+        if named := tuple(ranges):
+            return named
+        raise BadData("no sequence is named: name some that the data set's folder holds")
+
+    @cached_property
+    def _folders(self) -> dict[str, Path]:
+        return self.folders()
+
+    @abstractmethod
+    def folders(self) -> dict[str, Path]:
+        """Return the sequences by name; BadData if there are none."""
+
+    @abstractmethod
+    def _read(self, name: str, folder: Path) -> Recording:
+        """Read a sequence, whose images are loaded later."""
+
+
+@dataclass(frozen=True)
+class PosedSequences(SequenceDataset):
+    """Sequences below one root, or a root that is one itself, shown without lens distortion.
+
+    Frames are counted among those with a pose.
+    """
+
+    patterns: ClassVar[tuple[str, ...]]  # of files that the folder of a sequence holds
+
+    root: Path
+    _: KW_ONLY
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "root", Path(self.root))  # scripts give text
+        self._check()
+
+    def folders(self) -> dict[str, Path]:
+        """Return the sequences of the root by name; BadData if it has another layout."""
+
+        def is_sequence(folder: Path) -> bool:
+            return any(any(folder.glob(pattern)) for pattern in self.patterns)
+
+        return sequence_folders(self.root, is_sequence, f"a folder with {self.patterns[0]}")
+
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
+        """Scan a sequence by the names of its cameras, "" for one."""
+        return {"": self.scan(folder, findings)}
+
+    @abstractmethod
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a sequence with the camera that clips show."""
+
+    def _read(self, name: str, folder: Path) -> Recording:
+        return self._recording(name, folder, self.scan(folder, RAISE))
+
+    def _recording(self, name: str, folder: Path, scan: Scan) -> Recording:
+        """Return a scanned sequence for clips, without the images that lack a pose."""
+        numbers = scan.posed
+        if not scan.cameras:
+            raise BadData(f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]")
+        if not len(numbers):
+            raise BadData(
+                f"{folder}: none of {len(scan.images)} images has a pose: give images and poses "
+                "that match"
+            )
+
+        def posed(values: Sequence[Any]) -> tuple[Any, ...]:
+            return tuple(values[number] for number in numbers)
+
+        times_s = scan.times_s[numbers]
+        cameras = posed(scan.cameras)
+        sizes_px = tuple(camera.size_px for camera in cameras)
+        view = common_pinhole(cameras, folder)
+        load = scan.load or self._load
+        images = FrameFiles(posed(scan.images), sizes_px, load)
+        trajectory = None
+        if scan.world_from_cam is not None:
+            poses = scan.world_from_cam[numbers]
+            trajectory = Trajectory(poses, times_s, scan.is_metric)
+        depths = None
+        if scan.depths is not None:
+            maps = FrameFiles(posed(scan.depths), sizes_px, image_frames.read_depth)
+            depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
+        height_m = self.camera_height_m
+        if height_m is None:
+            height_m = scan.camera_height_m
+        return Recording(
+            name,
+            UndistortedFrames(images, cameras, view),
+            times_s,
+            view,
+            trajectory,
+            height_m,
+            depths=depths,
+            breaks=scan.breaks,
+        )

@@ -1,1 +1,0 @@
-"""Results of other software as components: trajectories and depth maps in files."""

@@ -1,0 +1,102 @@
+"""Files with the same camera, written as their programs write it, give the same numbers."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from geovp_classic.data.formats.calibration_files import exif_focal_px, read_camera
+from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics
+
+KITTI = "P0: 1 0 2 0 0 1 2 0 0 0 1 0\nP2: 500 0 319.5 4.5 0 510 239.5 0.2 0 0 1 0.003\n"
+COLMAP = "# Camera list\n1 PINHOLE 640 480 500 510 320 240\n"
+ROS = """image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [500, 0, 319.5, 0, 510, 239.5, 0, 0, 1]}
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.02, 0, 0, 0]}
+"""
+TOPIC = "height: 480\nwidth: 640\nK: [500.0, 0.0, 319.5, 0.0, 510.0, 239.5, 0.0, 0.0, 1.0]\nD: []\n"
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [500, 510, 319.5, 239.5]
+  distortion_model: radtan
+  distortion_coeffs: [0, 0, 0, 0]
+  resolution: [640, 480]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("calib.txt", KITTI),
+        ("calib_cam_to_cam.txt", KITTI.replace("P", "P_rect_0")),
+        ("cameras.txt", COLMAP),
+        ("info.yaml", ROS),
+        ("topic.yml", TOPIC),
+        ("cam.yaml", KALIBR),
+    ],
+)
+def test_all_formats_give_the_same_camera(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    camera = read_camera(tmp_path / name, tmp_path / "image_2", (640, 480))
+    assert camera.pinhole == Intrinsics(500, 510, 319.5, 239.5, 640, 480)
+    assert any(camera.distortion) == (text is ROS)
+
+
+def test_kitti_camera_is_that_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text(KITTI)
+    camera = read_camera(tmp_path / "calib.txt", tmp_path / "image_0", (4, 4))
+    assert camera.pinhole.fx_px == 1
+    with pytest.raises(BadData, match="no line 'P3:'"):
+        read_camera(tmp_path / "calib.txt", tmp_path / "image_3", (4, 4))
+
+
+def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.txt"
+    path.write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.05\n")
+    camera = read_camera(path, tmp_path, (320, 240))
+    assert camera.pinhole == Intrinsics(250, 250, 159.5, 119.5, 320, 240)
+    assert camera.distortion == (-0.05,)
+    with pytest.raises(BadData, match="640x480, these are 640x360"):
+        read_camera(path, tmp_path, (640, 360))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.yaml", "just a word"),
+        ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}"),
+        ("a.yaml", "K: [1, 2]"),
+        ("a.yaml", KALIBR.replace("coeffs: [0,", "coeffs: [")),
+        ("cameras.txt", "1 PINHOLE 640 480 500 510"),
+        ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240"),
+        ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240"),
+        ("cameras.txt", ""),
+        ("calib.txt", "P2: 1 2 3"),
+    ],
+)
+def test_a_wrong_file_gives_a_one_line_error(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(BadData, match=name) as caught:
+        read_camera(tmp_path / name, tmp_path, (640, 480))
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_models_are_refused_any_number_of_times(tmp_path: Path) -> None:
+    """Pycolmap loses a level of recursion for each unknown name."""
+    (tmp_path / "cameras.txt").write_text("1 NOTHING 640 480 500 510\n")
+    for _ in range(1100):
+        with pytest.raises(BadData, match="is not a calibration"):
+            read_camera(tmp_path / "cameras.txt", tmp_path, (640, 480))
+
+
+def test_the_equivalent_focal_length_of_a_photo_refers_to_the_diagonal(tmp_path: Path) -> None:
+    photo = Image.new("RGB", (400, 300))  # a diagonal of 500 px
+    photo.save(tmp_path / "a.jpg")
+    assert exif_focal_px(tmp_path / "a.jpg") is None
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
+    photo.save(tmp_path / "a.jpg", exif=exif)
+    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(26 * 500 / 43.27)

@@ -1,0 +1,137 @@
+"""Images and videos are read as they are; incomplete files are refused."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.frames.image_frames import (
+    FrameFiles,
+    image_files,
+    image_size,
+    numbered_images,
+    read_depth,
+    read_image,
+)
+from geovp_classic.data.frames.video_frames import VideoFrames
+from geovp_classic.errors import BadData
+
+ENCODINGS = {
+    "a.png": [],
+    "a.jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
+    "progressive.jpg": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+    "lossy.webp": [cv2.IMWRITE_WEBP_QUALITY, 90],
+    "lossless.webp": [cv2.IMWRITE_WEBP_QUALITY, 101],
+    "a.bmp": [],
+    "a.tif": [],
+    "a.ppm": [],
+    "a.jp2": [],
+}
+
+
+def scene() -> np.ndarray:
+    """Return a smooth BGR image with some noise, so that files have a body to truncate."""
+    v, u = np.mgrid[:37, :53]
+    smooth = np.stack([4 * u, 5 * v, 2 * u + 2 * v], axis=-1)
+    noisy = smooth + np.random.default_rng(0).normal(0, 3, smooth.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def test_images_have_red_green_and_blue_channels(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    image = scene()
+    cv2.imwrite(str(path), image)
+    np.testing.assert_array_equal(read_image(path), image[..., ::-1])
+    cv2.imwrite(str(path), image[..., 0])
+    np.testing.assert_array_equal(read_image(path), image[..., [0, 0, 0]])
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+def test_truncated_images_are_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    cv2.imwrite(str(path), scene(), ENCODINGS[name])
+    assert image_size(path) == (53, 37)
+    whole = path.read_bytes()
+    for fraction in (0.0, 0.005, 0.3, 0.7, 0.98):
+        path.write_bytes(whole[: int(fraction * len(whole))])
+        for read in (read_image, image_size):
+            with pytest.raises(BadData, match=f"{name} cannot be decoded as an image"):
+                read(path)
+    path.unlink()
+    with pytest.raises(BadData, match=r"cannot be read \(No such file"):
+        read_image(path)
+
+
+def test_a_frame_of_another_size_is_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), scene())
+    frames = FrameFiles((tmp_path / "0.png",) * 2, ((53, 37), (30, 20)))
+    assert frames.read(0).shape == (37, 53, 3)
+    with pytest.raises(BadData, match=r"0\.png is 53x37 pixels, expected 30x20"):
+        frames.read(1)
+
+
+def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
+    for name in ("b10.png", "b9.jpg", "a2.png", "a2b.png", "notes.txt", ".hidden.png"):
+        (tmp_path / name).touch()
+    names = [path.name for path in image_files(tmp_path)]
+    assert names == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
+
+
+def test_other_content_may_follow_an_image(tmp_path: Path) -> None:
+    for name in ("a.png", "a.jpg"):
+        cv2.imwrite(str(tmp_path / name), scene())
+        with (tmp_path / name).open("ab") as file:
+            file.write(b"film" * 10_000)
+        assert read_image(tmp_path / name).shape == (37, 53, 3)
+        assert image_size(tmp_path / name) == (53, 37)
+
+
+def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
+    for name in ("000001.png", "000002.png", "000002.jpg", "000006.png", "readme.txt"):
+        (tmp_path / name).touch()
+    findings = Findings()
+    paths = numbered_images(tmp_path, findings)
+    assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
+    assert [(finding.severity, finding.path.name) for finding in findings] == [
+        ("error", "000002.png"),
+        ("note", "readme.txt"),
+        ("error", tmp_path.name),
+    ]
+    assert "lacks frame 000000" in findings[-1].message
+
+
+def test_video_frames_come_by_number_in_any_order(video: Path) -> None:
+    frames = VideoFrames(video)
+    assert (len(frames), frames.size_px, frames.rate_hz) == (12, (64, 24), 25)
+    for index in (0, 3, 4, 1, 7, 0):
+        assert abs(int(frames.read(index)[16, 24, 0]) - 10 * index) <= 2
+    with pytest.raises(BadData, match="frame 12 of 12 cannot be decoded"):
+        frames.read(12)
+
+
+def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.full((6, 8, 3), 3000, np.uint16))
+    assert np.unique(read_image(path, bits=12)).tolist() == [3000 // 16]
+    assert np.unique(read_image(path, bits=16)).tolist() == [3000 // 256]
+    for bits, message in (
+        (None, r"a\.png holds uint16 values, expected 8 bits a channel"),
+        (10, "has the value 3000, more than 10 bits"),
+        (17, "8 to 16"),
+    ):
+        with pytest.raises(BadData, match=message):
+            read_image(path, bits=bits)
+
+
+def test_depths_are_metres_and_images_that_are_missing_have_none(tmp_path: Path) -> None:
+    path = tmp_path / "depth.png"
+    values = np.full((6, 8), 10000, np.uint16)
+    cv2.imwrite(str(path), values)
+    depths = FrameFiles((path, None), ((8, 6), (8, 6)), read_depth)
+    np.testing.assert_array_equal(depths.read(0), np.full((6, 8), 2.0, np.float32))
+    np.testing.assert_array_equal(depths.read(1), np.zeros((6, 8)))
+    cv2.imwrite(str(path), values.astype(np.uint8))
+    with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions"):
+        depths.read(0)

@@ -1,0 +1,142 @@
+"""A folder of images or a video becomes clips with the user's camera, times and poses."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.data.formats import pose_files
+from geovp_classic.data.layouts.folder import Folder
+from geovp_classic.data.recordings.windows import FrameRange
+from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics, Trajectory
+
+CAMERA = (40.0, 40.0, 31.5, 11.5)
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """Frames f1.png to f12.png of 64x24 pixels, frame k all grey 10 k."""
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    for number in range(1, 13):
+        cv2.imwrite(str(folder / f"f{number}.png"), np.full((24, 64), 10 * number, np.uint8))
+    return folder
+
+
+def folder(path: Path, **settings: object) -> Folder:
+    """Return the data set of clips of 4 frames, 24 pixels wide."""
+    fixed = {"intrinsics": CAMERA, "num_frames": 4, "stride": 4, "size_px": (24, 24)}
+    return Folder(path, **{**fixed, **settings})
+
+
+def straight(times_s: np.ndarray) -> Trajectory:
+    """Return a path along z, 1 m a frame."""
+    world_from_cam = np.eye(4)[None].repeat(len(times_s), axis=0)
+    world_from_cam[:, 2, 3] = np.arange(len(times_s))
+    return Trajectory(world_from_cam, times_s, is_metric=True)
+
+
+def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None:
+    data = folder(images, camera_height_m=1.2, with_full=True)
+    assert data.clip_names == ("drive/000000", "drive/000004", "drive/000008")
+    assert data.ranges == (FrameRange("drive", 0, 12),)
+    clip = data[2]
+    assert clip.frames[:, 3, 3, 0].tolist() == [90, 100, 110, 120]
+    np.testing.assert_allclose(clip.times_s, [0.8, 0.9, 1.0, 1.1])  # 10 Hz unless told
+    assert clip.intrinsics == Intrinsics(40, 40, 11.5, 11.5, 24, 24)
+    assert clip.full.intrinsics == Intrinsics(*CAMERA, 64, 24)
+    assert clip.trajectory is None
+    assert clip.camera_height_m == 1.2
+
+
+def test_a_video_has_its_own_rate(video: Path) -> None:
+    clip = folder(video)[1]
+    assert clip.name == "drive/000004"
+    np.testing.assert_allclose(clip.frames[:, 3, 3, 0], [40, 50, 60, 70], atol=2)
+    np.testing.assert_allclose(clip.times_s, [0.16, 0.20, 0.24, 0.28])
+    np.testing.assert_allclose(folder(video, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
+
+
+def test_a_tum_trajectory_has_its_own_times(images: Path, tmp_path: Path) -> None:
+    path = tmp_path / "tum.txt"
+    pose_files.write_tum(path, straight(100 + np.arange(12) * 0.5))
+    clip = folder(images, trajectory=path, is_metric=False)[1]
+    assert clip.times_s.tolist() == [102, 102.5, 103, 103.5]
+    assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
+    assert not clip.trajectory.is_metric
+    assert folder(images, trajectory=path, frame_rate_hz=2.0)[0].times_s.tolist() == [
+        0,
+        0.5,
+        1,
+        1.5,
+    ]
+
+
+def test_a_kitti_trajectory_has_the_times_of_the_frames(images: Path, tmp_path: Path) -> None:
+    poses, times = tmp_path / "kitti.txt", tmp_path / "times.txt"
+    pose_files.write_kitti(poses, straight(np.arange(12)))
+    np.savetxt(times, np.arange(12) * 0.25)
+    clip = folder(images, trajectory=poses, times=times)[2]
+    assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
+    assert folder(images, trajectory=poses)[0].times_s.tolist() == [0, 0.1, 0.2, 0.3]
+    for write in (pose_files.write_tum, pose_files.write_kitti):
+        write(poses, straight(np.arange(11)))
+        with pytest.raises(BadData, match="11 poses for 12 frames, expected one each"):
+            folder(images, trajectory=poses)
+
+
+def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
+    assert folder(images, sequences=("drive[3:8)",)).clip_names == ("drive/000003",)
+    times = tmp_path / "times.txt"
+    times.write_text("0\n1\n")
+    wrong: list[tuple[dict[str, object], str]] = [
+        ({"frame_rate_hz": 1e-8}, "expected a number of at least 0.02"),
+        ({"times": str(times)}, "2 times for 12 frames"),
+        ({"times": times, "frame_rate_hz": 1.0}, "both frame_rate_hz and times"),
+        ({"trajectory": tmp_path / "none.txt"}, r"none\.txt: does not exist"),
+        ({"num_frames": 13}, "has 12 frames without a break, but one clip needs 13"),
+        ({"intrinsics": (720.0, 720.0, 610.0, 180.0)}, "principal point outside the images"),
+        ({"sequences": ("drive[3:13)",)}, "has 12 frames"),
+        ({"sequences": ("drive[5:5)",)}, "first < last"),
+    ]
+    for settings, message in wrong:
+        with pytest.raises(BadData, match=message):
+            folder(images, **settings)
+
+
+def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("text")
+    for path, message in (
+        (tmp_path / "none", "cannot be listed .*: give a video or a folder of images"),
+        (tmp_path, "holds no sequence: give a folder of images"),
+        (tmp_path / "text.mp4", "cannot be decoded as a video"),
+    ):
+        with pytest.raises(BadData, match=message):
+            folder(path)
+
+
+def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None:
+    """Sequence b 2 has 8 images at 5 Hz, the drive of the fixture 12 at 10 Hz, texts has none."""
+    (tmp_path / "b 2").mkdir()
+    (tmp_path / "texts").mkdir()
+    for number in range(8):
+        cv2.imwrite(str(tmp_path / "b 2" / f"{number}.png"), np.full((24, 64), number, np.uint8))
+    for path, times_s in ((tmp_path / "b 2", np.arange(8) / 5), (images, np.arange(12) / 10)):
+        np.savetxt(path / "times.txt", times_s)
+        pose_files.write_kitti(path / "poses.txt", straight(times_s))
+    data = folder(tmp_path, times="times.txt", trajectory="poses.txt")
+    starts = [("b 2", 0), ("b 2", 4), ("drive", 0), ("drive", 4), ("drive", 8)]
+    assert data.clip_names == tuple(f"{name}/{first:06d}" for name, first in starts)
+    np.testing.assert_allclose(data[1].times_s, [0.8, 1.0, 1.2, 1.4])
+    assert data[1].frames[:, 0, 0, 0].tolist() == [4, 5, 6, 7]
+    assert data[4].trajectory is not None
+    assert folder(tmp_path, sequences=("drive[0:8)",)).split_hash != data.split_hash
+    assert folder(images).split_hash == ""  # of one sequence
+    for settings, message in (
+        ({"sequences": ("c",)}, "no sequence 'c': name one of b 2, drive"),
+        ({"trajectory": "none.txt"}, r"b 2/none\.txt: does not exist"),
+    ):
+        with pytest.raises(BadData, match=message):
+            folder(tmp_path, **settings)

@@ -1,0 +1,248 @@
+"""TUM RGB-D, EuRoC and COLMAP give the clips that the files were written from."""
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic import api, registry
+from geovp_classic.data.doctor import Doctor
+from geovp_classic.data.findings import RAISE
+from geovp_classic.data.layouts import detection
+from geovp_classic.data.layouts.colmap import Colmap
+from geovp_classic.data.layouts.euroc import Euroc
+from geovp_classic.data.layouts.tum import Tum
+from geovp_classic.data.recordings import sequences
+from geovp_classic.data.recordings.windows import FrameRange
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Intrinsics
+
+Write = Callable[..., Path]
+Edit = Callable[[Path, int, str], None]
+CUT = {"num_frames": 4, "stride": 4, "size_px": (64, 64)}
+
+
+@pytest.fixture(scope="module")
+def street() -> Clip:
+    return api.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [64, 64]})
+
+
+def numbers_of(clip: Clip) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy."""
+    camera = clip.intrinsics
+    return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+
+
+def assert_same(clip: Clip, street: Clip, first: int) -> None:
+    """Check that the clip is frames first to first + 3 of the street."""
+    steps = slice(first, first + 4)
+    np.testing.assert_array_equal(clip.frames, street.frames[steps])
+    np.testing.assert_allclose(
+        clip.trajectory.world_from_cam, street.trajectory.world_from_cam[steps], atol=1e-7
+    )
+    np.testing.assert_allclose(np.diff(clip.times_s), 0.1, atol=1e-6)
+    np.testing.assert_allclose(numbers_of(clip), numbers_of(street), atol=1e-9)
+
+
+def test_tum_matches_images_poses_and_depths(
+    tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
+    write_tum(tmp_path, "street", street)
+    data = Tum(tmp_path, intrinsics=numbers_of(street), **CUT)
+    assert data.clip_names == ("street/000000", "street/000004", "street/000008")
+    clip = data[1]
+    assert_same(clip, street, 4)
+    assert clip.times_s[0] == pytest.approx(100.4)
+    assert clip.trajectory.is_metric
+    near = street.depths[4:8] < 13
+    np.testing.assert_allclose(
+        clip.depths[near], street.depths[4:8][near], atol=1.01e-4
+    )  # half of 1/5000 m
+    assert not clip.depths[~near].any()
+
+
+def test_tum_poses_beyond_the_time_limit_are_dropped(
+    tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
+    """Poses are 4 ms after the images and depths 6 ms before."""
+    folder = write_tum(tmp_path, "street", street)
+    settings = {"intrinsics": numbers_of(street), **CUT}
+    clip = Tum(folder, max_difference_s=0.005, **settings)[0]
+    assert not clip.depths.any()
+    with pytest.raises(BadData, match="street: none of 12 images has a pose"):
+        Tum(folder, max_difference_s=0.003, **settings)
+    (folder / "groundtruth.txt").unlink()
+    assert Tum(folder, **settings)[0].trajectory is None
+
+
+def test_tum_cameras_follow_from_the_name(tmp_path: Path, write_tum: Write, street: Clip) -> None:
+    folders = [write_tum(tmp_path, name, street) for name in ("freiburg3_office", "freiburg1_desk")]
+    _, data = detection.detect(tmp_path)
+    (camera, *_) = data.scan(folders[0], RAISE).cameras
+    assert camera.pinhole == Intrinsics(535.4, 539.2, 320.1, 247.6, 64, 64)
+    (camera, *_) = data.scan(folders[1], RAISE).cameras
+    assert camera.distortion == (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
+    folder = write_tum(tmp_path, "hall", street)
+    with pytest.raises(BadData, match="hall has no known camera: give intrinsics"):
+        Tum(folder, **CUT)
+    with pytest.raises(BadData, match="distortion is given without intrinsics"):
+        Tum(folder, distortion=(0.1, 0, 0, 0, 0), **CUT)
+
+
+def test_euroc_poses_are_those_of_the_camera(
+    tmp_path: Path, write_euroc: Write, street: Clip
+) -> None:
+    grey = replace(street, frames=street.frames[..., :1].repeat(3, axis=3))
+    write_euroc(tmp_path, "MH_01", grey)
+    data = Euroc(tmp_path, **CUT)
+    assert_same(data[2], grey, 8)
+    assert data[0].times_s[0] == 0
+    some = Euroc(tmp_path / "MH_01", sequences=("MH_01[2:8)",), **CUT)
+    assert some.clip_names == ("MH_01/000002",)
+
+
+@pytest.mark.parametrize(
+    ("name", "model"), [("radial-tangential", "FULL_OPENCV"), ("equidistant", "OPENCV_FISHEYE")]
+)
+def test_euroc_has_the_distortion_of_its_file(
+    tmp_path: Path, write_euroc: Write, street: Clip, name: str, model: str
+) -> None:
+    lens = (-0.3, 0.05, 0.001, 0.0)
+    folder = write_euroc(tmp_path, "V1", street, name, lens)
+    camera = detection.detect(folder)[1].scan(folder, RAISE).cameras[0]
+    assert camera.model == model
+    assert camera.distortion == lens
+    assert camera.pinhole == street.intrinsics
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_colmap_is_broken_at_unregistered_images(
+    tmp_path: Path, write_colmap: Write, street: Clip, text: bool
+) -> None:
+    """Of images 0 to 11, 5 is lost: 0 to 4 and 6 to 11 are pieces, counted without it."""
+    write_colmap(tmp_path, "street", street, lost=[5], text=text)
+    data = Colmap(tmp_path / "street", rate_hz=10.0, **{**CUT, "stride": 1})
+    assert data.ranges == (FrameRange("street", 0, 5), FrameRange("street", 5, 11))
+    assert data.clip_names == tuple(f"street/{first:06d}" for first in (0, 1, 5, 6, 7))
+    assert_same(data[1], street, 1)
+    assert_same(data[2], street, 6)
+    assert data[2].times_s[0] == pytest.approx(0.6)
+    assert not data[0].trajectory.is_metric
+    assert Colmap(tmp_path, is_metric=True, **CUT)[0].trajectory.is_metric
+
+
+def test_colmap_is_broken_at_sub_folders(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
+    folder = write_colmap(tmp_path, "street", street, text=True)
+    images = folder / "images"
+    (images / "later").mkdir()
+    model = folder / "sparse" / "0" / "images.txt"
+    for number in range(7, 12):
+        name = f"im{number}.png"
+        (images / name).rename(images / "later" / name)
+        model.write_text(model.read_text().replace(f" {name}", f" later/{name}"))
+    data = Colmap(folder, **CUT)
+    assert data.ranges == (FrameRange("street", 0, 7), FrameRange("street", 7, 12))
+    assert_same(data[1], street, 7)
+
+
+@pytest.mark.parametrize("name", ["images", "points3D", "frames"])
+def test_colmap_refuses_unusable_models(
+    tmp_path: Path, write_colmap: Write, street: Clip, name: str
+) -> None:
+    """Pycolmap would read 2^60 records beyond the end of a file."""
+    folder = write_colmap(tmp_path, "street", street)
+    with pytest.raises(BadData, match="expected a positive number"):
+        Colmap(folder, rate_hz=0.0, **CUT)
+    (folder / "images" / "im3.png").unlink()
+    message = r"images: lacks 1 of 12 images of the model, the first being im3\.png: put"
+    with pytest.raises(BadData, match=message):
+        Colmap(folder, **CUT)
+    path = folder / "sparse" / "0" / f"{name}.bin"
+    for content in (b"\x07", (2**60).to_bytes(8, "little") + path.read_bytes()[8:]):
+        path.write_bytes(content)
+        with pytest.raises(BadData, match=rf"{name}\.bin has .* bytes, not as its counts say"):
+            Colmap(folder, **CUT)
+
+
+@pytest.mark.parametrize("name", ["tum", "euroc", "colmap"])
+def test_posed_data_sets_are_registered_recognised_and_pickled(
+    tmp_path: Path, name: str, street: Clip, request: pytest.FixtureRequest
+) -> None:
+    folder = request.getfixturevalue(f"write_{name}")(tmp_path, "a", street)
+    table = {"name": name, "root": str(tmp_path), "num_frames": 4, "size_px": [64, 64]}
+    if name == "tum":
+        table["intrinsics"] = list(numbers_of(street))
+    data = registry.build("datasets", table)
+    assert registry.build("datasets", registry.describe(data)) == data
+    assert len(pickle.dumps(data)) < 1000
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(data))[0].frames, data[0].frames)
+    assert detection.spec(folder) == {"name": name, "root": folder}
+    examined = Doctor().examine(tmp_path, deep=True)
+    assert examined.is_sound, examined.findings
+    row = examined.rows[0]
+    assert (row["sequence"], row["frames"], row["poses"]) == ("a", "12", "12")
+    assert (row["length_m"] == "-") is (name == "colmap")
+    with pytest.raises(BadData, match="no sequence 'b': name one of a"):
+        registry.build("datasets", {**table, "sequences": ["b"]})
+    with pytest.raises(BadData, match="holds no sequence: give a folder with"):
+        registry.build("datasets", {**table, "root": str(tmp_path / "empty")})
+
+
+def test_the_doctor_lists_all_errors(
+    tmp_path: Path, write_tum: Write, street: Clip, edit: Edit
+) -> None:
+    folder = write_tum(tmp_path, "hall", street)
+    edit(folder / "rgb.txt", 4, "100.1 rgb/2.png")
+    edit(folder / "rgb.txt", 6, "100.4 rgb/44.png")
+    edit(folder / "groundtruth.txt", 3, "100.204 0 0 0 0 0 0 2")
+    edit(folder / "groundtruth.txt", 10, "100.904 999 0 0 0 0 0 1")
+    cv2.imwrite(str(folder / "rgb" / "9.png"), np.full((20, 30), 3000, np.uint16))
+    report = "\n".join(map(str, Doctor().examine(tmp_path, deep=True).findings))
+    for message in (
+        "rgb.txt line 4: 100.1 is not after 100.1 before it",
+        "rgb.txt line 6: there is no file 'rgb/44.png'",
+        "groundtruth.txt line 3: the quaternion has length 2, expected 1",
+        "rgb/9.png: holds uint16 values, expected 8 bits a channel",
+        "m/s from the pose before: more than a car drives",
+        "after the image before, 0.100 s is usual",
+    ):
+        assert message in report
+
+
+def test_damaged_files_of_euroc_are_named(
+    tmp_path: Path, write_euroc: Write, street: Clip, edit: Edit
+) -> None:
+    mav0 = write_euroc(tmp_path, "MH", street) / "mav0"
+    with pytest.raises(BadData, match=r"mav0/cam1: does not exist: mav0 has cam0"):
+        Euroc(tmp_path, camera=1, **CUT)
+    for file, line, text, message in (
+        ("state_groundtruth_estimate0/data.csv", 3, "1,2,3", "^[^:]*0/data.csv line 3: 3 numbers"),
+        ("cam0/sensor.yaml", 2, "T_SB:", "expected .* T_BS of 16 numbers that is a rigid motion"),
+        ("cam0/data.csv", 4, "soon,14036.png", r"cam0/data\.csv line 4: 'soon'"),
+    ):
+        edit(mav0 / file, line, text)
+        with pytest.raises(BadData, match=message):
+            Euroc(tmp_path, **CUT)
+
+
+def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "0.png"), street.frames[0])
+    examined = Doctor().examine(tmp_path)
+    assert [row["frames"] for row in examined.rows] == ["1", "1"]
+    assert examined.is_sound
+
+
+def test_nearest_times_within_a_difference() -> None:
+    rng = np.random.default_rng(0)
+    times_s = rng.uniform(0, 10, 50)
+    for count in (0, 1, 30):
+        others_s = np.sort(rng.uniform(0, 10, count))
+        differences_s = np.abs(times_s[:, None] - others_s)
+        expected = [row.argmin() if row.min(initial=9) < 0.1 else -1 for row in differences_s]
+        assert sequences.nearest(times_s, others_s, 0.1).tolist() == expected

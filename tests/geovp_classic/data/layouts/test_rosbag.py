@@ -1,0 +1,237 @@
+"""Robot logs give the clips that they were written from."""
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import bag_files
+import numpy as np
+import pytest
+import street
+from bag_files import START_NS, Edit, Messages
+
+from geovp_benchmarks import cli
+from geovp_classic import api
+from geovp_classic.data.doctor import Doctor
+from geovp_classic.data.findings import RAISE
+from geovp_classic.data.formats import bags
+from geovp_classic.data.layouts.kitti import Kitti
+from geovp_classic.data.layouts.rosbag import RosBag
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip
+
+pytest.importorskip("rosbags", reason="needs the extra 'rosbag'")
+
+CUT: dict[str, Any] = {"num_frames": 4, "stride": 3, "size_px": (128, 128)}
+SHORT = street.clip(5)
+
+
+def without(*names: str) -> Edit:
+    """Return an edit that omits topics."""
+    return lambda topic, message: None if topic in names else message
+
+
+def assert_is(clip: Clip, expected: Clip, first: int) -> None:
+    """Check that a clip is the frames first to first + 3."""
+    steps = slice(first, first + 4)
+    np.testing.assert_array_equal(clip.frames, expected.frames[steps])
+    np.testing.assert_allclose(clip.times_s, 0.1 * np.arange(first, first + 4), atol=1e-6)
+    assert clip.intrinsics == expected.intrinsics
+    np.testing.assert_allclose(
+        clip.trajectory.world_from_cam, expected.trajectory.world_from_cam[steps], atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run", "run_mcap"])
+@pytest.mark.parametrize("omitted", ["/odometry", "/tf"])
+def test_each_kind_of_bag_gives_its_clip(tmp_path: Path, name: str, omitted: str) -> None:
+    path = bag_files.write(tmp_path, name, street.clip(), without(omitted))
+    data = RosBag(tmp_path, **CUT)
+    assert data.clip_names == (f"{name}/000000", f"{name}/000003", f"{name}/000006")
+    assert_is(data[1], street.clip(), 3)
+    assert_is(pickle.loads(pickle.dumps(data))[0], street.clip(), 0)
+    assert_is(api.open_clip({"name": "rosbag", "root": path, **CUT}, 2), street.clip(), 6)
+
+
+BAYER = {"rggb": (0, 1, 1, 2), "bggr": (2, 1, 1, 0), "gbrg": (1, 2, 0, 1), "grbg": (1, 0, 2, 1)}
+
+
+def encoded(image: np.ndarray, encoding: str) -> np.ndarray:
+    """Return the values of an RGB image as they are recorded."""
+    if encoding.startswith("bayer"):
+        mosaic = image[..., 0].copy()
+        for place, channel in enumerate(BAYER[encoding[6:10]]):
+            row, column = divmod(place, 2)
+            mosaic[row::2, column::2] = image[row::2, column::2, channel]
+        return mosaic
+    if encoding in ("mono8", "mono16"):
+        return image[..., 0] if encoding == "mono8" else image[..., 0].astype(np.uint16) * 16
+    image = image if encoding.startswith("rgb") else image[..., ::-1]
+    return np.insert(image, 3, 7, axis=2) if "a8" in encoding else image
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", "mono16", *BAYER])
+def test_images_are_decoded(encoding: str) -> None:
+    image = np.full((12, 16, 3), (200, 90, 30), np.uint8)
+    encoding = f"bayer_{encoding}8" if encoding in BAYER else encoding
+    if "mono" in encoding:
+        image[:] = image[..., :1]
+    made = Messages(is_ros1=False)
+    message = made.image(START_NS, encoded(image, encoding), encoding)
+    np.testing.assert_array_equal(bags.decode(Path("image"), message, 12), image)
+
+
+def test_compressed_images_without_stamps_in_any_order(tmp_path: Path) -> None:
+    """Images are recorded twice, the last one first, in PNG; the time of recording serves."""
+    made = Messages(is_ros1=False)
+    messages = []
+    for topic, recorded_ns, message in bag_files.messages_of(made, SHORT):
+        if topic == "/cam/image_raw":
+            frame = message.data.reshape(128, -1)[:, :384].reshape(128, 128, 3)
+            messages.append((topic, recorded_ns, made.compressed(0, frame)))
+        messages.append(("/cam/camera_info", recorded_ns, made.info(START_NS, SHORT)))
+    bag_files.write_messages(tmp_path / "run", made, [*messages[::-1], *messages[:3]])
+    data = RosBag(tmp_path, **CUT, pose_topic="")
+    clip = data[0]
+    np.testing.assert_array_equal(clip.frames, SHORT.frames[:4])
+    assert clip.trajectory is None
+
+
+def test_poses_are_interpolated_but_not_across_gaps(tmp_path: Path) -> None:
+    """Poses 50 ms after each image, without the one after the sixth."""
+    clip = street.clip(20)
+    made = Messages(is_ros1=True)
+    messages = bag_files.messages_of(made, clip, without("/odometry", "/tf"))
+    for step, pose in enumerate(clip.trajectory.world_from_cam):
+        if step != 5:
+            time_ns = START_NS + step * 100_000_000 + 50_000_000
+            messages.append(("/slam", time_ns, made.pose(time_ns, "map", pose)))
+    bag_files.write_messages(tmp_path / "run.bag", made, messages)
+    poses = RosBag(tmp_path, **CUT, max_gap_s=0.15).scan(tmp_path / "run.bag", RAISE).world_from_cam
+    assert np.flatnonzero(np.isnan(poses[:, 0, 0])).tolist() == [0, 5, 6]
+    between = (clip.trajectory.world_from_cam[8:18] + clip.trajectory.world_from_cam[9:19]) / 2
+    np.testing.assert_allclose(poses[9:19, :3, 3], between[:, :3, 3], atol=1e-3)
+    assert len(RosBag(tmp_path, **CUT)[0].frames) == 4
+
+
+def test_the_camera_is_that_of_the_images(tmp_path: Path) -> None:
+    """A camera of other images is not used, and rectified images have no distortion."""
+    made = Messages(is_ros1=False)
+    size_px = (128, 128)
+
+    def camera(image_topic: str, info_topic: str, **info: Any) -> Any:
+        path = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+        infos = {
+            info_topic: made.info(START_NS, SHORT, **info),
+            "/a/camera_info": made.info(0, SHORT),
+        }
+        messages = [(topic, START_NS, message) for topic, message in infos.items()]
+        bag_files.write_messages(path, made, messages)
+        return bags.Bag(path).camera(image_topic, size_px)
+
+    lens = (-0.3, 0.1, 0.001, 0.002, 0.0)
+    assert camera("/cam/image_raw/compressed", "/cam/camera_info", lens=lens).distortion == lens
+    assert camera("/cam/image_rect", "/cam/camera_info", lens=lens).distortion == ()
+    assert camera("/b/image_raw", "/cam/camera_info") is None
+    assert camera("/b/image_raw", "/a/camera_info").pinhole == SHORT.intrinsics
+
+
+def edited(**fields: Any) -> Edit:
+    """Return an edit that changes these fields of messages that have them."""
+
+    def edit(topic: str, message: Any) -> Any:
+        for name, value in fields.items():
+            if hasattr(message, name):
+                setattr(message, name, value)
+        return message
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "settings", "sentence"),
+    [
+        (without("/cam/camera_info"), {}, "has no known camera: give intrinsics"),
+        (edited(k=np.zeros(9)), {}, "has no known camera: give intrinsics"),
+        (edited(d=np.zeros(3)), {}, "is not a calibration"),
+        (edited(width=500), {}, "is not an image|about images of"),
+        (edited(encoding="16UC1"), {}, "has the encoding '16UC1', expected rgb8, bgr8"),
+        (edited(step=1, data=np.zeros(7, np.uint8)), {}, "is not an image"),
+        (without("/cam/image_raw"), {}, "has no messages of type Image or CompressedImage"),
+        (
+            without(),
+            {"image_topic": "/x"},
+            "has no image topic '/x': give image_topic, one of /cam",
+        ),
+        (without(), {"pose_topic": "/x"}, "has no pose topic '/x': give pose_topic, one of /odom"),
+        (without("/tf_static"), {"pose_topic": "/odometry"}, "tf does not connect to the camera"),
+        (without("/tf_static", "/tf"), {}, "tf does not connect to the camera"),
+    ],
+)
+def test_bad_input_gives_one_sentence(
+    tmp_path: Path, edit: Edit, settings: dict[str, str], sentence: str
+) -> None:
+    path = bag_files.write(tmp_path, "run", SHORT, edit)
+    with pytest.raises(BadData, match=sentence) as caught:
+        RosBag(path, **CUT, **settings)
+    assert "\n" not in str(caught.value)
+
+
+def test_several_topics_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = Messages(is_ros1=False)
+    messages = bag_files.messages_of(made, SHORT)
+    messages += [(topic.replace("/cam/", "/rear/"), *more) for topic, *more in messages]
+    path = bag_files.write_messages(tmp_path / "run", made, messages)
+    sentence = "has 2 image topics: give image_topic, one of /cam/image_raw, /rear/image_raw"
+    with pytest.raises(BadData, match=sentence):
+        RosBag(path, **CUT)
+    assert_is(RosBag(path, **CUT, image_topic="/rear/image_raw")[0], SHORT, 0)
+    examined = Doctor().examine(path, deep=True)
+    assert examined.is_sound
+    assert examined.rows[0]["frames"] == "/cam/image_raw: 5, /rear/image_raw: 5"
+    assert cli.main(["predict", str(path)]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run_mcap/run_mcap.mcap", "run/run.db3"])
+@pytest.mark.parametrize("kept", [0.0, 0.02, 0.5, 0.98])
+def test_a_truncated_bag_is_an_error(tmp_path: Path, name: str, kept: float) -> None:
+    bag_files.write(tmp_path, name.partition("/")[0], SHORT)
+    path = tmp_path / name
+    path.write_bytes(path.read_bytes()[: round(kept * path.stat().st_size)])
+    with pytest.raises(BadData, match="cannot be read as a bag") as caught:
+        RosBag(path, **CUT)
+    assert "\n" not in str(caught.value)
+    assert Doctor().examine(path).rows[0]["errors"] == "1"
+
+
+def test_commands_read_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`geovp doctor`, `poses` and `predict`."""
+    path = bag_files.write(tmp_path, "run.bag", street.clip(12))
+    assert cli.main(["doctor", str(path)]) == 0
+    assert "12" in capsys.readouterr().out
+    args = ["--odometry", "ground-truth", "--clips", "5"]
+    assert cli.main(["poses", str(path), "run.bag[0:12)", *args]) == 0
+    assert "2 clips, 100.0% of frames tracked" in capsys.readouterr().out
+    args = ["--past", "6", "--future", "3", "--first", "0", "--out", str(tmp_path / "predicted")]
+    assert cli.main(["predict", str(path), *args]) == 0
+    assert "camera (CameraInfo): focal length 150.0 px" in capsys.readouterr().err
+    assert cli.main(["predict", str(path), "--fps", "5"]) == 2
+    assert "leave out --fps" in capsys.readouterr().err
+
+
+def test_a_bag_of_real_frames(tmp_path: Path) -> None:
+    """Twenty frames of KITTI, of which each is read when a clip needs it."""
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None:
+        pytest.skip("GEOVP_TEST_DATA is not set: the folder with KITTI odometry in kitti/")
+    clip = Kitti(
+        f"{root}/kitti", num_frames=20, size_px=(1242, 376), sequences=("03",), fit="stretch"
+    )[0]
+    path = bag_files.write(tmp_path, "03.bag", clip)
+    data = RosBag(path, num_frames=10, stride=10, size_px=(1242, 376), fit="stretch")
+    np.testing.assert_array_equal(data[1].frames, clip.frames[10:])
+    np.testing.assert_allclose(
+        data[0].trajectory.world_from_cam, clip.trajectory.world_from_cam[:10], atol=1e-5
+    )

@@ -1,0 +1,147 @@
+"""Frame ranges, the starts of clips, and crops whose intrinsics agree with their pixels."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.data.recordings import windows
+from geovp_classic.data.recordings.windows import FrameRange, Recording, SideCamera
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Intrinsics, Trajectory
+
+CAMERA = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
+
+
+@dataclass(frozen=True)
+class Images:
+    """Frames in memory."""
+
+    frames: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read(self, index: int) -> np.ndarray:
+        return self.frames[index]
+
+
+def recording_of(
+    frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None
+) -> Recording:
+    """Return frames at 10 Hz of a camera that moves along z, 1 m a frame."""
+    count = len(frames)
+    world_from_cam = np.eye(4)[None].repeat(count, axis=0)
+    world_from_cam[:, 2, 3] = np.arange(count)
+    times_s = np.arange(count) / 10
+    trajectory = Trajectory(world_from_cam, times_s, is_metric=True)
+    return Recording("a", Images(frames), times_s, camera, trajectory, 1.65, right)
+
+
+def test_ranges_may_be_open() -> None:
+    assert FrameRange.parse(" raw0095 ") == FrameRange("raw0095", 0, None)
+    assert str(FrameRange("06").within(51)) == "06[0:51)"
+    with pytest.raises(BadData, match="sequence 03 has 300 frames"):
+        FrameRange.parse("03[180:360)").within(300)
+
+
+@given(
+    st.from_regex(r"[a-z0-9_]{1,8}", fullmatch=True), st.integers(0, 10**6), st.integers(1, 10**6)
+)
+def test_a_range_is_read_as_it_is_written(name: str, first: int, count: int) -> None:
+    frames = FrameRange(name, first, first + count)
+    assert FrameRange.parse(str(frames)) == frames
+
+
+def test_other_notations_of_a_range_are_refused() -> None:
+    for text in ("03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03 [0:4)"):
+        with pytest.raises(BadData, match="is not a range of frames"):
+            FrameRange.parse(text)
+
+
+@given(st.integers(0, 50), st.integers(0, 40), st.integers(2, 20), st.integers(1, 9))
+def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride: int) -> None:
+    last = first + num_frames + extra
+    starts = FrameRange("a", first, last).starts(num_frames, stride)
+    assert starts[0] == first
+    assert starts[-1] + num_frames <= last < starts[-1] + stride + num_frames
+
+
+@pytest.mark.parametrize(
+    ("width_px", "height_px", "side_px", "tolerance_px"),
+    [(1242, 375, 256, 0.01), (416, 128, 128, 1e-6), (416, 128, 256, 0.02)],
+)
+def test_a_corner_lands_where_the_intrinsics_say(
+    width_px: int, height_px: int, side_px: int, tolerance_px: float
+) -> None:
+    corner_u, corner_v = width_px // 2 - 20, height_px // 2 + 13  # the first white column and row
+    frames = np.zeros((2, height_px, width_px, 3), np.uint8)
+    frames[:, corner_v:, corner_u:] = 255
+    camera = Intrinsics(720.0, 715.0, width_px / 2 + 7.3, height_px / 2 - 2.2, width_px, height_px)
+    clip = windows.cut(recording_of(frames, camera), 0, 2, (side_px, side_px))
+    on_corner = np.array([corner_u - 0.5, corner_v - 0.5])  # between black and white
+    point = pinhole.unproject(on_corner, np.array(9.0), camera)
+    expected, _ = pinhole.project(point, clip.intrinsics)
+    white = clip.frames[0, :, :, 0] / 255.0  # the fraction of a pixel's area that is white
+    corner = [side_px - 0.5 - white[-1].sum(), side_px - 0.5 - white[:, -1].sum()]
+    np.testing.assert_allclose(corner, expected, atol=tolerance_px)
+
+
+def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
+    frames = np.zeros((6, 4, 8, 3), np.uint8)
+    frames += np.arange(6, dtype=np.uint8)[:, None, None, None]
+    right = SideCamera(Images(frames + 100), CAMERA, np.diag([1.0, -1.0, -1.0, 1.0]))
+    recording = recording_of(frames, CAMERA, right)
+    clip = windows.cut(recording, 2, 3, (4, 4), with_full=True)
+    assert clip.name == "a/000002"
+    assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
+    assert clip.times_s.tolist() == [0.2, 0.3, 0.4]
+    assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
+    assert clip.camera_height_m == 1.65
+    assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
+    np.testing.assert_array_equal(clip.full.frames, frames[2:5])
+    np.testing.assert_array_equal(clip.right.frames, frames[2:5] + 100)
+    assert clip.full.intrinsics == clip.right.intrinsics == CAMERA
+    np.testing.assert_array_equal(clip.right.view_from_cam, right.view_from_cam)
+    stretched = windows.cut(recording, 0, 2, (16, 4), fit="stretch")
+    assert stretched.intrinsics == Intrinsics(20, 10, 7.5, 1.5, 16, 4)
+
+
+def test_inconsistent_recordings_are_refused() -> None:
+    images, times_s = Images(np.zeros((5, 4, 8, 3), np.uint8)), np.arange(5.0)
+    right = SideCamera(Images(images.frames[:3]), CAMERA, np.eye(4))
+    for arguments, message in (
+        ((images, times_s[:4], CAMERA), "a: 4 times for 5 frames"),
+        ((images, times_s, CAMERA, None, None, right), "a: 3 right frames for 5 frames"),
+        ((images, 100 * times_s, CAMERA), "give times in seconds"),
+        ((images, times_s, replace(CAMERA, fx_px=0.1)), "give the calibration in pixels"),
+        ((images, times_s, replace(CAMERA, cx_px=100.0)), "give the calibration in pixels"),
+    ):
+        with pytest.raises(BadData, match=message):
+            Recording("a", *arguments)
+
+
+def test_no_piece_crosses_a_break() -> None:
+    def pieces(breaks: tuple[int, ...], num_frames: int) -> list[str]:
+        return list(map(str, windows.pieces(FrameRange("a", 2, 20), breaks, num_frames)))
+
+    assert pieces((), 5) == ["a[2:20)"]
+    assert pieces((1, 8, 10, 20), 5) == ["a[2:8)", "a[10:20)"]
+    with pytest.raises(BadData, match="has 7 frames without a break"):
+        pieces((8, 15), 9)
+
+
+def test_depths_are_cropped_and_resized_with_the_frames() -> None:
+    """The depth of frames of 8x4 pixels is the column: the middle 4 columns are 2 to 5."""
+    column = np.tile(np.arange(8.0), (4, 1))
+    recording = replace(
+        recording_of(np.zeros((3, 4, 8, 3), np.uint8), CAMERA),
+        depths=Images(column + 10 * np.arange(3.0)[:, None, None]),
+    )
+    cropped = windows.cut(recording, 1, 2, (4, 4)).depths
+    assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
+    whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths[0, 0].tolist()
+    assert whole in ([0, 2, 4, 6], [1, 3, 5, 7])  # no means
