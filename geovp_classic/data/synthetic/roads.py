@@ -24,7 +24,7 @@ STEP_M = 0.25  # between the points of a path
 
 
 @dataclass(frozen=True)
-class Path:
+class CentreLine:
     """A smooth line, sampled every `STEP_M`."""
 
     points: Places  # [K]
@@ -65,7 +65,7 @@ def from_bends(
     start: tuple[float, float] = (0.0, 0.0),
     start_yaw_deg: float = 0.0,
     side: float = 1.0,
-) -> Path:
+) -> CentreLine:
     """Return the path through pieces of (length_m, turn_rad); `side` -1 mirrors the turns.
 
     The curvature is smoothed like that of a steered car.
@@ -78,7 +78,7 @@ def from_bends(
     yaw_rad = np.deg2rad(start_yaw_deg) + turned_rad
     middle_rad = 0.5 * (yaw_rad[1:] + yaw_rad[:-1])
     steps = 1j * STEP_M * np.exp(-1j * middle_rad)
-    return Path(np.cumsum([complex(*start), *steps]), yaw_rad)
+    return CentreLine(np.cumsum([complex(*start), *steps]), yaw_rad)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Journey:
     smoothed like that of a driver.
     """
 
-    path: Path
+    path: CentreLine
     start_m: float  # along the path at time 0
     right_m: float  # of the path
     speeds_m_s: Sequence[float] | FloatArray
@@ -122,7 +122,7 @@ def world_from_vehicle(places: Places, yaw_rad: FloatArray) -> FloatArray:
 class Roads:
     """Centre lines of one road, or of two straight roads that cross at the origin of the map."""
 
-    paths: list[Path]
+    paths: list[CentreLine]
     half_width_m: float = 4.6  # of the carriageway
     kerb_m: float = 0.2  # width of the stones
     pavement_m: float = 2.2  # from the road to the grass
