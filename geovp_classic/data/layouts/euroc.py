@@ -37,7 +37,7 @@ class Euroc(PosedSequences):
     patterns = ("mav0/cam*/data.csv",)
 
     camera: int = 0
-    max_difference_s: float = 0.005  # poses come at 100 to 200 Hz
+    max_difference_s: float = 0.005  # half the period of poses, which come at 100 to 200 Hz
 
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence with one of its cameras."""

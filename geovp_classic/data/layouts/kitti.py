@@ -43,7 +43,7 @@ class Kitti(PosedSequences):
 
     split: str | None = None
     camera: int | None = None
-    camera_height_m: float = field(default=1.65, kw_only=True)
+    camera_height_m: float = field(default=1.65, kw_only=True)  # by its sensor setup
     with_right: bool = False
 
     def __post_init__(self) -> None:

@@ -163,9 +163,9 @@ class SequenceDataset(ABC):
     """
 
     sequences: tuple[str, ...] | None = None
-    num_frames: int = 30
-    stride: int = 10
-    size_px: tuple[int, int] = (256, 256)
+    num_frames: int = 30  # 10 observed and 20 predicted, as in the thesis
+    stride: int = 10  # frames, as many as are observed
+    size_px: tuple[int, int] = (256, 256)  # as in the thesis
     fit: Fit = "crop"
     with_full: bool = False
     camera_height_m: float | None = None

@@ -38,17 +38,18 @@ class Synthetic(Optics):
     name = "synthetic"  # in results
 
     seed: int = 0
-    num_clips: int = 8
-    num_frames: int = 30
-    stride: int = 10  # frames
-    size_px: tuple[int, int] = (256, 256)
+    num_clips: int = 8  # one for each manoeuvre
+    num_frames: int = 30  # 10 observed and 20 predicted, as in the thesis
+    stride: int = 10  # frames, as many as are observed
+    size_px: tuple[int, int] = (256, 256)  # as in the thesis
     with_full: bool = False  # also the uncropped frames
     with_right: bool = False  # also the frames of the right camera
     pitch_deg: float = 0.0  # of the mounted camera, up
     roll_deg: float = 0.0  # of the mounted camera, clockwise
     bounce: float = 1.0  # scale of the motion of the car's body
-    noise: float = 1.5  # standard deviation, grey levels
-    exposure_drift: float = 0.02  # standard deviation, fraction
+    # standard deviation in grey levels: a round value, above the 0.3 of rounding to 8 bits
+    noise: float = 1.5
+    exposure_drift: float = 0.02  # standard deviation, a fraction: a round value
     camera_height_m = 1.65  # KITTI's
 
     def __post_init__(self) -> None:

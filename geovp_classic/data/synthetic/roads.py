@@ -123,11 +123,11 @@ class Roads:
     """Centre lines of one road, or of two straight roads that cross at the origin of the map."""
 
     paths: list[CentreLine]
-    half_width_m: float = 4.6  # of the carriageway
-    kerb_m: float = 0.2  # width of the stones
-    pavement_m: float = 2.2  # from the road to the grass
-    corner_radius_m: float = 6.0
-    zebra_m: float = 3.0  # length of a zebra crossing along the road
+    half_width_m: float = 4.6  # of the carriageway: a lane of 3.3 m and a strip for parked cars
+    kerb_m: float = 0.2  # width of the stones, a round value
+    pavement_m: float = 2.2  # from the road to the grass: two people and a lamp post
+    corner_radius_m: float = 6.0  # a car turns in 5 to 6 m
+    zebra_m: float = 3.0  # length of a zebra crossing along the road, a round value
 
     def locate(self, places: Places) -> tuple[Places, FloatArray, FloatArray]:
         """Return (right + i along) of places [N] and yaw_rad on each path [paths, N].
