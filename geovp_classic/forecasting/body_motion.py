@@ -25,7 +25,7 @@ BODY_AXES = [Axis.DOWN, Axis.PITCH, Axis.ROLL]  # heave, pitch, roll
 
 
 @dataclass(frozen=True)
-class Coefficients:
+class BodyCoefficients:
     """Linear map of scaled past twists [N, P, 6] per second to body motion at F steps."""
 
     step_s: float
@@ -39,7 +39,7 @@ class Coefficients:
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return heave (m, downwards), pitch and roll (rad) [N, F, 3]."""
-        # Changes beyond four root mean squares are outliers.
+        # Changes beyond four root mean squares are outliers, in the fit as well.
         features = np.clip(changes(twists) / self.scale, -4.0, 4.0)
         return (features @ self.weights).reshape(len(twists), -1, 3)
 
@@ -159,7 +159,7 @@ def over_plane(
 
 
 @functools.cache
-def load(path: Path | None) -> Coefficients:
+def load(path: Path | None) -> BodyCoefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
     source = path or files.PACKAGED / "body_motion.npz"
     arrays = files.read_npz(source)
@@ -167,4 +167,4 @@ def load(path: Path | None) -> Coefficients:
     with files.checked(f"{source} holds no body motion", advice):
         names = ("scale", "weights", "spread", "degrees")
         columns = [arrays[name].astype(np.float64) for name in names]
-        return Coefficients(float(arrays["step_s"]), *columns)
+        return BodyCoefficients(float(arrays["step_s"]), *columns)

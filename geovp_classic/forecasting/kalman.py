@@ -1,17 +1,17 @@
-"""Kalman forecasters on the vehicle's plane: CTRV and CTRA, extended or unscented.
+"""Kalman forecasters on the vehicle's plane: CTRV and CTRA, extended, unscented, or interacting.
 
 Past poses are measurements of (x, z, yaw); the future is predicted without measurements.
 `benchmarks/studies/fitting` fits the noise in `turn_rate.toml` by maximum likelihood.
 """
 
+import abc
 import functools
 import tomllib
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Literal
 
 import numpy as np
-from filterpy import kalman
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from scipy.linalg import block_diag
 
 from geovp_classic import files
@@ -31,27 +31,157 @@ def fitted(name: Constants) -> VehicleModel:
     return VehicleModel(**tomllib.loads(text)[name])
 
 
-def initial_belief(
-    measured: FloatArray,  # [P, 3], as (x, z, yaw)
-    times_s: FloatArray,  # [P]
-    model: VehicleModel,
-    # Standard deviations of speed, turn rate and acceleration
-    deviations: tuple[float, ...] = (20.0, 2.0, 3.0),
-) -> Belief:
-    """Return a wide belief at the first pose, with the velocity of the first step."""
-    state = np.zeros(model.num_states)
-    state[:3] = measured[0]
-    if len(measured) > 1:
-        x, z, yaw = (measured[1] - measured[0]) / (times_s[1] - times_s[0])
-        heading = measured[0, 2]
-        state[3] = x * np.sin(heading) + z * np.cos(heading)
-        state[4] = yaw
-    velocity_covariance = np.diag(deviations[: model.num_states - 3]) ** 2
-    return state, block_diag(model.measurement_noise, velocity_covariance)
+class ExtendedFilter(ExtendedKalmanFilter):
+    """Extended Kalman filter of a vehicle; its control input is the duration of a step."""
+
+    def __init__(self, model: VehicleModel, belief: Belief) -> None:
+        state, covariance = belief
+        super().__init__(dim_x=len(state), dim_z=3)
+        self.model = model
+        self.x = state.copy()
+        self.P = covariance.copy()
+        self.R = model.measurement_noise
+
+    def predict(self, u: float = 0.0) -> None:
+        """Predict the belief after u seconds, linearised at the present state."""
+        self.F = self.model.jacobian(self.x, u)
+        self.Q = self.model.process_noise(self.x, u)
+        super().predict(u)
+
+    def predict_x(self, u: float = 0.0) -> None:
+        """Move the state itself without linearisation, as filterpy suggests."""
+        self.x = self.model.transition(self.x, u)
+
+    def update(self, z: FloatArray) -> None:
+        """Correct the belief by a measured (x, z, yaw) [3]."""
+        super().update(z, lambda state: np.eye(3, len(state)), lambda state: state[:3])
+
+
+class UnscentedFilter(UnscentedKalmanFilter):
+    """Unscented Kalman filter of a vehicle (Wan & van der Merwe 2000)."""
+
+    def __init__(self, model: VehicleModel, belief: Belief, points: MerweScaledSigmaPoints) -> None:
+        state, covariance = belief
+        super().__init__(
+            dim_x=len(state),
+            dim_z=3,
+            dt=0.0,
+            hx=lambda state: state[:3],
+            fx=model.transition,
+            points=points,
+        )
+        self.model = model
+        self.x = state.copy()
+        self.P = covariance.copy()
+        self.R = model.measurement_noise
+
+    def predict(self, dt: float) -> None:
+        """Predict the belief after dt seconds from sigma points."""
+        self.Q = self.model.process_noise(self.x, dt)
+        super().predict(dt)
+
+
+VehicleFilter = ExtendedFilter | UnscentedFilter
 
 
 @dataclass(frozen=True)
-class TurnRateKalman(PlanarForecaster):
+class KalmanForecaster(PlanarForecaster, abc.ABC):
+    """Forecaster by one or several weighted filters, each of which predicts a mode."""
+
+    # Standard deviations of the first speed (m/s), turn rate (rad/s) and acceleration (m/s^2);
+    # three of them contain any road vehicle
+    initial_deviations: tuple[float, float, float] = (20.0, 2.0, 3.0)
+
+    @abc.abstractmethod
+    def filtered(
+        self,
+        measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
+        times_s: FloatArray,  # [P]
+    ) -> list[tuple[float, VehicleFilter]]:
+        """Return the filters at the last measurement, with weights of sum 1."""
+
+    def initial_belief(
+        self,
+        measured: FloatArray,  # [P, 3], as (x, z, yaw)
+        times_s: FloatArray,  # [P]
+        model: VehicleModel,
+        num_states: int,
+    ) -> Belief:
+        """Return a wide belief at the first pose, with the velocity of the first step."""
+        state = np.zeros(num_states)
+        state[:3] = measured[0]
+        if len(measured) > 1:
+            x, z, yaw = (measured[1] - measured[0]) / (times_s[1] - times_s[0])
+            heading = measured[0, 2]
+            state[3] = x * np.sin(heading) + z * np.cos(heading)
+            state[4] = yaw
+        velocity_covariance = np.diag(self.initial_deviations[: num_states - 3]) ** 2
+        return state, block_diag(model.measurement_noise, velocity_covariance)
+
+    def modes(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+    ) -> Modes:
+        """Return the mean and the covariance at every time, one mode per filter."""
+        filters = self._present(past, plane)
+        means = []
+        covariances = []
+        for _, vehicle in filters:
+            for dt_s in np.diff(ahead_s, prepend=0.0):
+                vehicle.predict(dt_s)
+                means.append(vehicle.x[:3])
+                covariances.append(vehicle.P[:3, :3])
+        shape = (len(filters), len(ahead_s), 3)
+        weights = np.array([weight for weight, _ in filters])
+        return weights, np.reshape(means, shape), np.reshape(covariances, (*shape, 3))
+
+    def paths(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+        num_samples: int,
+    ) -> FloatArray:
+        """Return the mean [1, F, 3], or paths [S, F, 3] drawn from the beliefs and their noise."""
+        if num_samples == 1:
+            weights, means, _ = self.modes(past, plane, ahead_s)
+            return np.tensordot(weights, means, axes=1)[None]
+        filters = self._present(past, plane)
+        rng = np.random.default_rng(self.seed)
+        counts = rng.multinomial(num_samples, [weight for weight, _ in filters])
+        paths = []
+        for (_, vehicle), count in zip(filters, counts, strict=True):
+            # Draw present states, and move each with noise of its own.
+            states = rng.multivariate_normal(vehicle.x, vehicle.P, count)
+            path = np.zeros((count, len(ahead_s), 3))
+            for step, dt_s in enumerate(np.diff(ahead_s, prepend=0.0)):
+                if count == 0:
+                    break
+                covariance = vehicle.model.process_noise(states.mean(axis=0), dt_s)
+                noise = rng.multivariate_normal(np.zeros(len(covariance)), covariance, count)
+                states = vehicle.model.transition(states, dt_s) + noise
+                path[:, step] = states[:, :3]
+            paths.append(path)
+        # The first samples, too, come from all filters.
+        return rng.permutation(np.concatenate(paths))
+
+    def _present(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+    ) -> list[tuple[float, VehicleFilter]]:
+        """Return the filters at the last pose, whose plane and heading are the reference."""
+        poses = past.world_from_cam
+        states = planar.reduce(poses, poses[-1], plane)
+        states[:, 2] = np.unwrap(states[:, 2])
+        states[:, 2] -= states[-1, 2]
+        return self.filtered(states, past.times_s)
+
+
+@dataclass(frozen=True)
+class TurnRateKalman(KalmanForecaster):
     """Constant turn rate and speed (CTRV), extended Kalman filter."""
 
     constants: Constants = "turn-rate"
@@ -61,91 +191,37 @@ class TurnRateKalman(PlanarForecaster):
         """Return the vehicle with the fitted constants."""
         return fitted(self.constants)
 
-    def prediction(
-        self,
-        belief: Belief,
-        dt_s: float,
-    ) -> Belief:
-        """Return the belief after dt, linearised at the present state."""
-        state, covariance = belief
-        jacobian = self.model.jacobian(state, dt_s)
-        noise = self.model.process_noise(state, dt_s)
-        _, covariance = kalman.predict(state, covariance, jacobian, noise)
-        return self.model.transition(state, dt_s), covariance
+    def filter_at(self, belief: Belief) -> VehicleFilter:
+        """Return a filter with a belief."""
+        return ExtendedFilter(self.model, belief)
 
     def filtered(
         self,
         measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
         times_s: FloatArray,  # [P]
-    ) -> Belief:
-        """Return the belief at the last measurement."""
-        belief = initial_belief(measured, times_s, self.model)
-        noise = self.model.measurement_noise
-        measurement = np.eye(3, self.model.num_states)
+    ) -> list[tuple[float, VehicleFilter]]:
+        """Return the filter at the last measurement, with weight 1."""
+        belief = self.initial_belief(measured, times_s, self.model, self.model.num_states)
+        vehicle = self.filter_at(belief)
         for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
-            belief = kalman.update(*self.prediction(belief, dt_s), state, noise, measurement)
-        return belief
-
-    def modes(
-        self,
-        past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
-        ahead_s: FloatArray,  # [F]
-    ) -> Modes:
-        """Return one mode: the predicted mean and covariance at every time."""
-        steps_s = np.diff(ahead_s, prepend=0.0)
-        present = self._present(past, plane)
-        _, *beliefs = accumulate(steps_s, self.prediction, initial=present)
-        means = np.stack([state[:3] for state, _ in beliefs])
-        covariances = np.stack([matrix[:3, :3] for _, matrix in beliefs])
-        return np.ones(1), means[None], covariances[None]
-
-    def paths(
-        self,
-        past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
-        ahead_s: FloatArray,  # [F]
-        num_samples: int,
-    ) -> FloatArray:
-        """Return the mean [1, F, 3], or paths [S, F, 3] drawn from the belief and its noise."""
-        if num_samples == 1:
-            return self.modes(past, plane, ahead_s)[1]
-        rng = np.random.default_rng(self.seed)
-        states = rng.multivariate_normal(*self._present(past, plane), num_samples)
-        path = []
-        for dt_s in np.diff(ahead_s, prepend=0.0):
-            covariance = self.model.process_noise(states.mean(axis=0), dt_s)
-            noise = rng.multivariate_normal(np.zeros(len(covariance)), covariance, num_samples)
-            states = self.model.transition(states, dt_s) + noise
-            path.append(states[:, :3])
-        return np.stack(path, axis=1)
-
-    def _present(
-        self,
-        past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
-    ) -> Belief:
-        """Return the belief at the last pose, whose plane and heading are the reference."""
-        poses = past.world_from_cam
-        states = planar.reduce(poses, poses[-1], plane)
-        states[:, 2] = np.unwrap(states[:, 2])
-        states[:, 2] -= states[-1, 2]
-        return self.filtered(states, past.times_s)
+            vehicle.predict(dt_s)
+            vehicle.update(state)
+        return [(1.0, vehicle)]
 
 
+@dataclass(frozen=True)
 class TurnRateUnscented(TurnRateKalman):
     """Constant turn rate and speed (CTRV), unscented Kalman filter."""
 
-    def prediction(
-        self,
-        belief: Belief,
-        dt_s: float,
-    ) -> Belief:
-        """Return the belief after dt, from sigma points (Wan & van der Merwe 2000)."""
-        points = kalman.MerweScaledSigmaPoints(len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0)
-        moved = self.model.transition(points.sigma_points(*belief), dt_s)
-        noise = self.model.process_noise(belief[0], dt_s)
-        return kalman.unscented_transform(moved, points.Wm, points.Wc, noise)
+    # Spread of the sigma points; beta = 2 is optimal for Gaussians (Wan & van der Merwe 2000).
+    alpha: float = 0.5
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def filter_at(self, belief: Belief) -> VehicleFilter:
+        """Return an unscented filter with a belief."""
+        points = MerweScaledSigmaPoints(len(belief[0]), self.alpha, self.beta, self.kappa)
+        return UnscentedFilter(self.model, belief, points)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Motion models of a vehicle: constant turn rate, and constant speed (CTRV) or acceleration (CTRA).
 
 The state [..., n] is x, z, yaw_rad, speed, turn rate (rad/s) and, in CTRA, acceleration. Turn rate
-and acceleration decay exponentially. Leading axes are free: one state or thousands.
+and acceleration decay exponentially; braking ends at rest. Leading axes are free: one state or
+thousands.
 """
 
 from dataclasses import dataclass, replace
@@ -9,6 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geovp_classic.types import FloatArray
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)  # of Gauss-Legendre quadrature over [-1, 1]
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class VehicleModel:
     speed_noise: float  # m/s / sqrt(s)
     turn_noise: float  # rad/s / sqrt(s)
     acceleration_noise: float  # m/s^2 / sqrt(s); 0 for CTRV
+    # of the measured poses; odometry of KITTI is off by about 1 cm and 0.05 degrees per frame
     position_noise_m: float = 0.01
     yaw_noise_rad: float = 0.001
 
@@ -42,23 +46,73 @@ class VehicleModel:
         dt_s: FloatArray | float,
     ) -> FloatArray:
         """Return the state [..., n] after dt [...]."""
-        dt_s = np.asarray(dt_s)
         x, z, yaw, speed, turn_rate = np.moveaxis(state[..., :5], -1, 0)
         acceleration = state[..., 5] if state.shape[-1] == 6 else np.zeros_like(speed)
-        turn, turn_rate = _decay(turn_rate, self.turn_damping_hz, dt_s)
-        gain, acceleration = _decay(acceleration, self.acceleration_damping_hz, dt_s)
-        stops = speed * (speed + gain) < 0  # braking ends at rest
-        end_speed = np.where(stops, 0.0, speed + gain)
-        acceleration = np.where(stops, 0.0, acceleration)
+        # Braking ends at rest: the vehicle moves until its speed is 0, or for all of dt.
+        moving_s = np.minimum(dt_s, self._stopping_s(speed, acceleration))
+        is_stopped = moving_s < dt_s
+        # Speed, distance and yaw are integrals over the time of moving (Gauss-Legendre).
+        at_s = moving_s[..., None] / 2 * (1 + NODES)  # [..., 3]
+        weights_s = moving_s[..., None] / 2 * WEIGHTS
+        speed_at = self._speed(speed[..., None], acceleration[..., None], at_s)
+        distance = (weights_s * speed_at).sum(axis=-1)
+        turn_rate_at = self._turn_rate(turn_rate[..., None], speed[..., None], speed_at, at_s)
+        turn = (weights_s * turn_rate_at).sum(axis=-1)
+        # The rear axle moves along the chord of its arc, and the camera swings ahead of it.
         end_yaw = yaw + turn
         chord_yaw = yaw + turn / 2
-        chord = 0.5 * (speed + end_speed) * dt_s * np.sinc(turn / (2 * np.pi))
+        chord = distance * np.sinc(turn / (2 * np.pi))
         swing_x = self.lever_arm_m * (np.sin(end_yaw) - np.sin(yaw))
         swing_z = self.lever_arm_m * (np.cos(end_yaw) - np.cos(yaw))
         end_x = x + chord * np.sin(chord_yaw) + swing_x
         end_z = z + chord * np.cos(chord_yaw) + swing_z
-        end = np.stack([end_x, end_z, end_yaw, end_speed, turn_rate, acceleration], axis=-1)
-        return end[..., : state.shape[-1]]
+        # A vehicle at rest neither turns nor accelerates.
+        end_speed = np.where(is_stopped, 0.0, self._speed(speed, acceleration, moving_s))
+        end_turn_rate = self._turn_rate(turn_rate, speed, end_speed, moving_s)
+        remaining = np.exp(-self.acceleration_damping_hz * moving_s)
+        end_acceleration = np.where(is_stopped, 0.0, acceleration * remaining)
+        end = [end_x, end_z, end_yaw, end_speed, end_turn_rate, end_acceleration]
+        return np.stack(end, axis=-1)[..., : state.shape[-1]]
+
+    def _speed(
+        self,
+        speed: FloatArray,
+        acceleration: FloatArray,
+        dt_s: FloatArray,
+    ) -> FloatArray:
+        """Return the speed after dt at an exponentially decaying acceleration."""
+        return speed + acceleration * _decayed_time(self.acceleration_damping_hz, dt_s)
+
+    def _turn_rate(
+        self,
+        turn_rate: FloatArray,
+        speed: FloatArray,
+        end_speed: FloatArray,
+        dt_s: FloatArray,
+    ) -> FloatArray:
+        """Return the turn rate after dt, when the speed has changed to another.
+
+        Braking keeps the path's curvature, turn rate / speed. Speeding up keeps the turn rate:
+        drivers accelerate as they leave a turn, and at rest the curvature is unknown.
+        """
+        is_slower = np.abs(end_speed) < np.abs(speed)
+        slowdown = np.where(is_slower, end_speed / np.where(speed == 0, 1.0, speed), 1.0)
+        return turn_rate * np.exp(-self.turn_damping_hz * dt_s) * slowdown
+
+    def _stopping_s(
+        self,
+        speed: FloatArray,
+        acceleration: FloatArray,
+    ) -> FloatArray:
+        """Return the time after which braking ends at rest; inf if it does not."""
+        is_braking = speed * acceleration < -1e-12  # slower braking takes longer than any forecast
+        undamped_s = -speed / np.where(is_braking, acceleration, 1.0)
+        if self.acceleration_damping_hz == 0:
+            return np.where(is_braking, undamped_s, np.inf)
+        # Solve speed + acceleration * (1 - remaining) / damping = 0.
+        remaining = 1.0 - self.acceleration_damping_hz * undamped_s  # of the acceleration
+        stopping_s = -np.log(np.maximum(remaining, 1e-300)) / self.acceleration_damping_hz
+        return np.where(is_braking & (remaining > 0), stopping_s, np.inf)
 
     def jacobian(
         self,
@@ -67,10 +121,10 @@ class VehicleModel:
     ) -> FloatArray:
         """Return the derivative of `transition` by the state [..., n, n] (central differences)."""
         step = 1e-5
-        shifts = step * np.eye(state.shape[-1])
-        dt_s = np.asarray(dt_s)[..., None]
-        above = self.transition(state[..., None, :] + shifts, dt_s)
-        below = self.transition(state[..., None, :] - shifts, dt_s)
+        num_states = state.shape[-1]
+        shifts = step * np.concatenate([np.eye(num_states), -np.eye(num_states)])
+        moved = self.transition(state[..., None, :] + shifts, np.asarray(dt_s)[..., None])
+        above, below = np.split(moved, 2, axis=-2)
         return np.swapaxes(above - below, -1, -2) / (2 * step)
 
     def process_noise(
@@ -83,10 +137,9 @@ class VehicleModel:
         It is the integral of J q q' J' over dt, where J(t) is the response after a time t; damping
         within dt is neglected. Gauss-Legendre quadrature with three nodes is exact to order 5 in t.
         """
-        nodes, weights = np.polynomial.legendre.leggauss(3)
         undamped = replace(self, turn_damping_hz=0.0, acceleration_damping_hz=0.0)
         states = np.tile(state, (3, 1))
-        response = undamped.jacobian(states, dt_s / 2 * (1 + nodes))  # [3, n, n]
+        response = undamped.jacobian(states, dt_s / 2 * (1 + NODES))  # [3, n, n]
         densities = np.array(
             [
                 self.slip_noise,
@@ -98,16 +151,14 @@ class VehicleModel:
             ]
         )
         covariances = response * densities[: len(state)] ** 2 @ np.swapaxes(response, 1, 2)
-        return np.tensordot(dt_s / 2 * weights, covariances, axes=1)
+        return np.tensordot(dt_s / 2 * WEIGHTS, covariances, axes=1)
 
 
-def _decay(
-    rate: FloatArray,  # per second
+def _decayed_time(
     damping_hz: float,
     dt_s: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the integral of a decaying rate over dt, and the rate after dt."""
+) -> FloatArray:
+    """Return the integral over dt of an exponential decay from 1, in seconds."""
     if damping_hz == 0:
-        return rate * dt_s, rate
-    remaining = np.exp(-damping_hz * dt_s)
-    return rate * (1 - remaining) / damping_hz, rate * remaining
+        return dt_s
+    return -np.expm1(-damping_hz * dt_s) / damping_hz

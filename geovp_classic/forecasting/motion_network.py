@@ -42,7 +42,7 @@ class Network:
 
 
 @dataclass(frozen=True)
-class Coefficients:
+class PriorCoefficients:
     """Fitted models of the motion prior: F future steps, K modes of D smooth deviations."""
 
     step_s: float
@@ -57,11 +57,14 @@ class Coefficients:
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return states [N, F, 3], averaged over the ensemble and the mirror image."""
+        # Predict the past and its mirror image, so that left and right are treated alike.
         both = with_mirrored(twists)
         corrections = self.centre(past_features(both)).mean(axis=0)
         shape = self.centre_scale.shape
         paths = damped_turn(both, self.step_s, len(self.centre_scale))
+        # The networks' mean is a correction of a damped turn.
         paths += corrections.reshape(-1, *shape) * self.centre_scale
+        # Mirror the second half back, and average.
         ahead, mirrored = np.split(paths, 2)
         return 0.5 * (ahead + mirrored * MIRRORED_STATE)
 
@@ -76,11 +79,14 @@ class Coefficients:
         """
         features = spread_features(with_mirrored(twists), with_mirrored(centre))
         outputs = np.swapaxes(self.spread(features), 0, 1).astype(np.float64)
+        # Split the outputs: K logits, K x D means, K x D log deviations of each member.
         depth = self.basis.shape[-1]
         num_modes = outputs.shape[-1] // (1 + 2 * depth)
         borders = [num_modes, num_modes * (1 + depth)]
         logits, means, log_deviations = np.split(outputs, borders, axis=-1)
+        # The members' mixtures, and those of the mirror image, are one mixture with equal parts.
         weights = softmax(logits, axis=-1).reshape(-1)
+        # The bounds are those of the fit.
         deviations = np.exp(np.clip(log_deviations, -4.0, 3.0))
         return (
             weights / weights.sum(),
@@ -93,18 +99,23 @@ def damped_turn(
     twists: FloatArray,  # [N, P, 6], per second
     step_s: float,
     num_steps: int,
-    turn_decay: float = 0.95,  # of the turn rate, per step
-    num_recent: int = 3,  # steps that give the turn rate and the acceleration
+    # of the turn rate, per step; chosen on train, corrected by the network
+    turn_decay: float = 0.95,
+    # steps that give the turn rate and the acceleration; chosen on train
+    num_recent: int = 3,
 ) -> FloatArray:
     """Return states [N, F, 3] at constant acceleration, with a decaying turn rate."""
+    # Constant acceleration, until braking ends at rest.
     past = twists[..., Axis.FORWARD]
     last = past[:, -1:]
     change = (last - past[:, -1 - num_recent, None]) / num_recent  # per step
     speeds = last + change * np.arange(num_steps + 1)
     speeds[speeds * last < 0] = 0.0  # braking ends at rest
+    # A turn that decays exponentially.
     turn_rate = twists[:, -num_recent:, Axis.YAW].mean(axis=1)
     decay = turn_decay ** np.arange(1, num_steps + 1)
     turns = turn_rate[:, None] * decay * step_s
+    # Each step is a chord of its arc.
     yaw = np.cumsum(turns, axis=1)
     chord_yaw = yaw - turns / 2
     chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
@@ -125,9 +136,16 @@ def spread_features(
     twists: FloatArray,  # [N, P, 6], per second
     centre: FloatArray,  # [N, F, 3], the central paths
     num_recent: int = 3,  # steps
+    path_steps: tuple[int, ...] = (4, 9, 19),  # of the central path: .5, 1 and 2 s ahead
+    # Added to changes, so that their logarithms are finite: errors of recorded poses
+    velocity_floor: float = 1e-2,  # m/s
+    turn_floor: float = 1e-3,  # rad/s
 ) -> FloatArray:
-    """Return the past, the central path, and logarithms of how much both change [N, in]."""
-    noise_floor = np.repeat([1e-2, 1e-3], 3)  # m/s, rad/s
+    """Return the past, the central path, and logarithms of how much both change [N, in].
+
+    The fitted networks depend on all settings: change them together with a new fit.
+    """
+    noise_floor = np.repeat([velocity_floor, turn_floor], 3)
     jitter = np.sqrt((np.diff(twists, 2, axis=1) ** 2).mean(axis=1))
     changes = np.sqrt((np.diff(twists, axis=1) ** 2).mean(axis=1))
     recent_change = np.abs(twists[:, -1] - twists[:, -1 - num_recent])
@@ -136,9 +154,10 @@ def spread_features(
     motion = [
         jitter + noise_floor,
         changes + noise_floor,
-        turn_rate.mean(axis=1) + 1e-3,
-        turn_rate[:, -num_recent:].mean(axis=1) + 1e-3,
-        recent_change[:, Axis.YAW] + 1e-3,
+        turn_rate.mean(axis=1) + turn_floor,
+        turn_rate[:, -num_recent:].mean(axis=1) + turn_floor,
+        recent_change[:, Axis.YAW] + turn_floor,
+        # Floors of the scales that matter: a crawl, three times the noise, half a degree of yaw.
         np.abs(speed).mean(axis=1) + 0.1,
         recent_change[:, Axis.FORWARD] + 0.03,
         np.abs(centre[:, -1, 2]) + 1e-2,
@@ -147,7 +166,7 @@ def spread_features(
         [
             past_features(twists),
             speed.mean(axis=1),
-            centre[:, [4, 9, 19]].reshape(len(twists), -1),
+            centre[:, path_steps].reshape(len(twists), -1),
             np.log(np.column_stack(motion)),
         ]
     )

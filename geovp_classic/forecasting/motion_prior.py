@@ -24,7 +24,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_network import (
     MIRRORED_STATE,
-    Coefficients,
+    PriorCoefficients,
     Network,
 )
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
@@ -42,7 +42,7 @@ class MotionPrior(PlanarForecaster):
     """
 
     coefficients: Path | None = None  # a file; None: the packaged one
-    num_past_steps: int = 9
+    num_past_steps: int = 9  # those of the fit: ten poses of the protocol
     # Faster turns are not in the training poses, and are clipped.
     max_turn_rad_s: float = 1.5
 
@@ -79,6 +79,7 @@ class MotionPrior(PlanarForecaster):
         past: Trajectory,
         ahead_s: FloatArray,  # [F]
     ) -> "PathMixture":
+        # The features are twists on the grid of the fit, within the range of the fit.
         fitted = load(self.coefficients)
         twists = past_motion.twists_per_s(past, fitted.step_s, self.num_past_steps)
         limit = self.max_turn_rad_s
@@ -116,26 +117,35 @@ class PathMixture:
 
 
 def path_mixture(
-    fitted: Coefficients,
+    fitted: PriorCoefficients,
     twists: FloatArray,  # [1, P, 6]
     ahead_s: FloatArray,  # [T]
 ) -> PathMixture:
     """Return the distribution of paths after one past."""
+    # 1. The networks: a central path on the grid, and a mixture of deviations from it.
     grid = fitted.central_paths(twists)
     weights, means, deviations = fitted.modes(twists, grid)
+
+    # 2. The central path at the times asked for.
     steps = ahead_s / fitted.step_s
     centre = _path_at(grid[0], steps)
-    # Deviations are 0 at time 0, linear between the steps of the grid, and continue beyond it.
+
+    # 3. The deviations at these times. They are 0 at time 0, linear between the steps of the grid,
+    # and continue beyond it. `hats` is the effect of each node on a time.
     nodes = np.arange(grid.shape[1] + 1)
     hats = make_interp_spline(nodes, np.eye(len(nodes)), k=1)
     interpolation = hats(steps)[:, 1:]  # [T, F]
     basis = np.einsum("tf,fid->tid", interpolation, fitted.basis)
+    # The second half of the modes is mirrored.
     both = np.stack([basis, basis * MIRRORED_STATE[:, None]])
     variance = interpolation**2 @ fitted.residual_variance
-    # From (right, ahead, yaw) of the path.
+
+    # 4. Rotate deviations from (right, ahead, yaw) along the path into (x, z, yaw).
     rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()
     covariance = (rotations * variance[:, None]) @ np.swapaxes(rotations, 1, 2)
     bases = np.repeat(rotations @ both, len(weights) // 2, axis=0)
+
+    # 5. Mode k is centre + basis (mean_k + deviation_k * white noise) + residual.
     return PathMixture(
         centre=centre,
         weights=weights,
@@ -146,7 +156,7 @@ def path_mixture(
 
 
 @functools.cache
-def load(path: Path | None) -> Coefficients:
+def load(path: Path | None) -> PriorCoefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
     source = path or files.PACKAGED / "motion_prior.npz"
     arrays = files.read_npz(source)
@@ -162,10 +172,10 @@ def load(path: Path | None) -> Coefficients:
 
     advice = "fit one with `benchmarks/studies fitting`"
     with files.checked(f"{source} holds no motion prior", advice):
-        return Coefficients(
+        return PriorCoefficients(
             step_s=float(arrays["step_s"]),
             centre_scale=arrays["centre_scale"],
-            centre=network("centre", limit=8.0),
+            centre=network("centre", limit=8.0),  # as in the fit
             # Faster driving than in training has the spread of the fastest.
             spread=network("spread", limit=3.0),
             basis=arrays["basis"],
@@ -178,9 +188,11 @@ def _path_at(
     steps: FloatArray,  # [T]
 ) -> FloatArray:
     """Return states [T, 3]: a cubic spline, and beyond the grid its last screw motion."""
+    # Within the grid: a smooth path from the last pose, at which all states are 0.
     nodes = np.concatenate([np.zeros((1, 3)), grid])
     spline = CubicSpline(np.arange(len(nodes)), nodes)
     states = spline(np.minimum(steps, len(grid)))
+    # Beyond it: the motion of the last step of the grid, as rigid motions.
     is_beyond = steps > len(grid)
     ends = planar.lift(nodes[-2:], np.eye(4), np.eye(4))
     times = np.array([len(grid) - 1.0, len(grid)])

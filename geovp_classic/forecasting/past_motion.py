@@ -6,6 +6,7 @@ import numpy as np
 
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
+from geovp_classic.types.speed_prior import SpeedPrior
 
 
 class Axis(enum.IntEnum):
@@ -16,12 +17,11 @@ class Axis(enum.IntEnum):
 
 def in_metres(
     past: Trajectory,
-    assumed_speed_m_s: float = 9.0,
+    assumed_speed_m_s: float = SpeedPrior.median_m_s,
 ) -> tuple[Trajectory, float]:
     """Return the past in metres, and metres per unit of the given past.
 
-    Without metric scale the mean speed is assumed; 9 m/s is about the median of KITTI's training
-    sequences.
+    Without metric scale the mean speed is assumed.
     """
     length = se3.step_lengths(past.world_from_cam).sum()
     if past.is_metric or length == 0:
@@ -35,8 +35,9 @@ def in_metres(
 
 def vehicle_from_cam(
     past: Trajectory,
-    min_path_m: float = 0.5,  # the pitch of a shorter path is drawn to 0
-    max_pitch_deg: float = 10.0,
+    # The pitch of a shorter path is drawn to 0: half a metre of noise of 1 cm is a pitch of 1 degree.
+    min_path_m: float = 0.5,
+    max_pitch_deg: float = 10.0,  # of a camera that shows the road; steeper paths are errors
 ) -> FloatArray:
     """Return the plane [4, 4] along which the camera has travelled.
 
@@ -59,7 +60,8 @@ def twists_per_s(
     The first twist is repeated where the grid begins before the past.
     """
     span_s = past.times_s[-1] - past.times_s[0]
-    num_covered = np.floor(span_s / step_s + 0.1)  # a tenth of a step may be extrapolated
+    # A tenth of a step may be extrapolated: times of cameras jitter by less.
+    num_covered = np.floor(span_s / step_s + 0.1)
     num_covered = int(np.clip(num_covered, 1, num_steps))
     grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
     poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)

@@ -15,7 +15,7 @@ from geovp_classic.odometry.road import (
     RoadPair,
     level_plane,
 )
-from geovp_classic.odometry.speed_prior import MIN_SPREAD, SpeedPrior
+from geovp_classic.types.speed_prior import MIN_SPREAD, SpeedPrior
 from geovp_classic.types import (
     ByteArray,
     FloatArray,

@@ -15,7 +15,7 @@ class RandomWalk:
     expectation maximisation (Shumway & Stoffer 1982), with their defaults as prior.
     """
 
-    # default standard deviation of a step; chosen on train (2 % of height drift in 100 frames)
+    # default standard deviation of a step: a height that drifts by 2 % in 100 frames
     step: float = 0.002
     # measurements that the defaults count for: two seconds at 10 Hz
     prior_weight: float = 20.0
@@ -24,7 +24,7 @@ class RandomWalk:
     # of the first round's step to the default; EM shrinks a step that is too large, but hardly
     # enlarges one that is too small
     start_ratio: float = 10.0
-    num_rounds: int = 15  # noise and step change by less than 1 % in later ones
+    num_rounds: int = 15  # a further one changes a logarithm of height by about .001
     # variance of the first value, and of one after an infinite step: of logarithms, unknown
     initial_variance: float = 1e6
 

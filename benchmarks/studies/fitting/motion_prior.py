@@ -10,7 +10,7 @@ from torch import Tensor, distributions
 from torch.nn import functional
 
 from geovp_classic.forecasting.motion_network import (
-    Coefficients,
+    PriorCoefficients,
     Network,
     damped_turn,
     past_features,
@@ -98,7 +98,7 @@ class PriorFit:
     num_modes: int = 6
     depth: int = 12  # smooth deviations of which the modes are made
 
-    def fit(self, sequences: Sequence[Windows]) -> Coefficients:
+    def fit(self, sequences: Sequence[Windows]) -> PriorCoefficients:
         """Fit the path to all sequences, and the spread to errors on sequences held out in turn."""
         errors = []
         for number, held_out in enumerate(sequences):
@@ -109,7 +109,7 @@ class PriorFit:
             errors.append((twists, paths, along_path(states[..., :3] - paths, paths)))
         return self.fit_spread(self.fit_centre(sequences), *joined(errors))
 
-    def fit_centre(self, sequences: Sequence[Windows]) -> Coefficients:
+    def fit_centre(self, sequences: Sequence[Windows]) -> PriorCoefficients:
         """Fit the central path to distances plus weighted yaw errors; it has no spread yet."""
         rng = np.random.default_rng(self.centre.seed)
         twists, states = joined(augmented(joined(sequences), rng) for _ in range(self.num_copies))
@@ -122,15 +122,15 @@ class PriorFit:
             return distance + self.yaw_weight_m * torch.sqrt(error[..., 2] ** 2 + 1e-6)
 
         network = self.centre.fit(past_features(twists), corrections, scale.size, loss)
-        return Coefficients(STEP_S, scale, network, network, scale[..., None], scale)
+        return PriorCoefficients(STEP_S, scale, network, network, scale[..., None], scale)
 
     def fit_spread(
         self,
-        centre: Coefficients,
+        centre: PriorCoefficients,
         twists: FloatArray,  # [N, P, 6], per second
         paths: FloatArray,  # [N, F, 3]
         deviations: FloatArray,  # [N, F, 3], of the truth, along the paths
-    ) -> Coefficients:
+    ) -> PriorCoefficients:
         """Fit a mixture of Gaussians over the deviations' principal components given the past."""
         variance = (deviations**2).mean(axis=0) + 1e-10
         white = deviations / np.sqrt(variance)
@@ -154,7 +154,7 @@ class PriorFit:
         return replace(centre, spread=network, basis=basis, residual_variance=residual)
 
 
-def arrays_of(fitted: Coefficients) -> dict[str, FloatArray]:
+def arrays_of(fitted: PriorCoefficients) -> dict[str, FloatArray]:
     """Return the arrays of a file, as `geovp_classic.forecasting.motion_prior.load` reads them."""
     arrays = {
         "step_s": np.array(fitted.step_s),

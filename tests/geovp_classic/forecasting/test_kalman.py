@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
+from geovp_classic.forecasting.interacting import Interacting
 from geovp_classic.forecasting.kalman import (
     AccelerationKalman,
     TurnRateKalman,
@@ -18,7 +18,7 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
-ALL = [TurnRateKalman(), TurnRateUnscented(), AccelerationKalman()]
+ALL = [TurnRateKalman(), TurnRateUnscented(), AccelerationKalman(), Interacting()]
 STEP_S = 0.1
 
 
@@ -118,28 +118,48 @@ def test_a_filter_estimates_speed_and_turn_rate(forecaster: TurnRateKalman) -> N
     times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
     start = np.array([0, 0, 3.0, 8.0, 0.5])  # its yaw passes pi
     measured = np.stack([fitted("turn-rate").transition(start, t)[:3] for t in times_s])
-    state, covariance = forecaster.filtered(measured, times_s)
-    assert state[3] == pytest.approx(8.0, abs=0.05)
-    assert state[4] == pytest.approx(0.5, abs=0.02)
-    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
-    assert np.linalg.eigvalsh(covariance)[0] > 0
+    [(weight, vehicle)] = forecaster.filtered(measured, times_s)
+    assert weight == 1
+    assert vehicle.x[3] == pytest.approx(8.0, abs=0.05)
+    assert vehicle.x[4] == pytest.approx(0.5, abs=0.02)
+    np.testing.assert_allclose(vehicle.P, vehicle.P.T, atol=1e-12)
+    assert np.linalg.eigvalsh(vehicle.P)[0] > 0
 
 
-@pytest.mark.parametrize("kind", [ExtendedKalmanFilter, UnscentedKalmanFilter])
-def test_the_prediction_agrees_with_filterpys_filters(kind: type) -> None:
-    model = fitted("turn-rate")
-    state, covariance = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
-    if kind is ExtendedKalmanFilter:
-        forecaster, reference = TurnRateKalman(), kind(5, 3)
-        reference.F = model.jacobian(state, 0.1)
-    else:
-        points = MerweScaledSigmaPoints(5, alpha=0.5, beta=2.0, kappa=0.0)
-        forecaster = TurnRateUnscented()
-        reference = kind(5, 3, 0.1, lambda state: state[:3], model.transition, points)
-    reference.x, reference.P = state, covariance
-    reference.Q = model.process_noise(state, 0.1)
-    reference.predict()
-    predicted = forecaster.prediction((state, covariance), 0.1)
-    if kind is UnscentedKalmanFilter:
-        np.testing.assert_allclose(predicted[0], reference.x, atol=1e-12)
-    np.testing.assert_allclose(predicted[1], reference.P, atol=1e-12)
+def measured_along(
+    speed_m_s: FloatArray,  # [N - 1], in each step
+    turn_rad_s: FloatArray,  # [N - 1]
+) -> FloatArray:
+    """Return (x, z, yaw) [N, 3] of a drive from the origin along z."""
+    yaw = np.concatenate([[0.0], np.cumsum(turn_rad_s * STEP_S)])
+    chord_yaw = (yaw[1:] + yaw[:-1]) / 2
+    step = speed_m_s * STEP_S
+    x = np.concatenate([[0.0], np.cumsum(step * np.sin(chord_yaw))])
+    z = np.concatenate([[0.0], np.cumsum(step * np.cos(chord_yaw))])
+    return np.stack([x, z, yaw], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("turn_rad_s", "braking_m_s2", "expected"),
+    [(0.0, 0.0, 0), (0.4, 0.0, 1), (0.0, 4.0, 2), (0.4, 4.0, 2)],
+    ids=["straight", "turn", "braking", "braking in a turn"],
+)
+def test_the_model_that_fits_the_drive_is_the_likeliest(
+    turn_rad_s: float, braking_m_s2: float, expected: int
+) -> None:
+    speeds = 12.0 - braking_m_s2 * STEP_S * np.arange(19)
+    measured = measured_along(speeds, np.full(19, turn_rad_s))
+    filters = Interacting().filtered(measured, np.arange(20) * STEP_S)
+    probabilities = [weight for weight, _ in filters]  # of constant velocity, CTRV, CTRA
+    assert sum(probabilities) == pytest.approx(1.0)
+    assert np.argmax(probabilities) == expected
+
+
+def test_the_interacting_models_are_mixed_by_their_probabilities() -> None:
+    past = past_of(circle(8.0, 0.3, 10))
+    times_s = np.arange(10, 20) * STEP_S
+    forecast = Interacting(body_motion=None).distribution(past, times_s)
+    mean = np.tensordot(forecast.weights, forecast.means, axes=1)
+    futures = Interacting(body_motion=None).forecast(past, times_s)
+    np.testing.assert_allclose(forecast.states_of(futures)[0], mean, atol=1e-9)
+    assert forecast.means.shape == (3, 10, 3)

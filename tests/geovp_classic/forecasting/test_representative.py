@@ -86,7 +86,7 @@ def test_more_futures_than_draws_are_rejected() -> None:
 
 def test_the_unit_of_the_past_does_not_matter() -> None:
     times_s = STEP_S * np.arange(10)
-    poses = se3.exp(times_s[:, None] * np.array([0, 0, 9.0, 0, 0, 0]))  # at the assumed speed
+    poses = se3.exp(times_s[:, None] * np.array([0, 0, 9.2, 0, 0, 0]))  # at the assumed speed
     scaled_poses = poses.copy()
     scaled_poses[:, :3, 3] /= 3
     futures, scaled_futures = (

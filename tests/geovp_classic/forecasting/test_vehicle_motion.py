@@ -12,6 +12,7 @@ from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.planar_forecaster import PlanarForecast
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
+from geovp_classic.types.speed_prior import SpeedPrior
 
 MODEL = VehicleModel(
     turn_damping_hz=0.0,
@@ -53,7 +54,30 @@ def test_braking_ends_at_rest() -> None:
     later = MODEL.transition(np.array([0, 0, 0, 2.0, 0, -4.0]), 1.0)
     assert later[3] == 0
     assert later[5] == 0
-    assert later[1] == pytest.approx(1.0)  # half of 2 m/s for a second
+    assert later[1] == pytest.approx(0.5)  # half of 2 m/s for half a second
+
+
+@pytest.mark.parametrize("damping_hz", [0.0, 0.3])
+def test_braking_in_a_turn_ends_at_the_same_place_in_one_step_or_in_many(damping_hz: float) -> None:
+    model = replace(MODEL, acceleration_damping_hz=damping_hz)
+    start = np.array([0, 0, 0, 0.5, 0.5, -1.0])  # a radius of 1 m
+    in_one = model.transition(start, 3.0)
+    in_many = start
+    for _ in range(60):
+        in_many = model.transition(in_many, 0.05)
+    np.testing.assert_allclose(in_many, in_one, atol=2e-3)
+
+
+def test_a_car_that_has_stopped_does_not_turn() -> None:
+    # It stops after 0.5 s and 0.125 m, on an arc of 1 m radius: 0.125 rad, or 7 degrees.
+    later = MODEL.transition(np.array([0, 0, 0, 0.5, 0.5, -1.0]), 10.0)
+    assert later[2] == pytest.approx(0.125)
+    np.testing.assert_allclose(later[3:], 0.0)
+
+
+def test_speeding_up_keeps_the_turn_rate() -> None:
+    later = MODEL.transition(np.array([0, 0, 0, 0.0, 0.2, 1.0]), 2.0)
+    np.testing.assert_allclose(later[2:5], [0.4, 2.0, 0.2])
 
 
 def test_the_turn_rate_decays_exponentially() -> None:
@@ -104,8 +128,8 @@ def test_a_past_without_metres_is_scaled_to_the_assumed_speed() -> None:
     past = drive([0, 0, 1.0, 0, 0, 0], np.arange(4) * 0.1, is_metric=False)
     metric, metres_per_unit = past_motion.in_metres(past)
     assert metric.is_metric
-    assert metres_per_unit == pytest.approx(9.0)
-    np.testing.assert_allclose(metric.world_from_cam[:, 2, 3], [0, 0.9, 1.8, 2.7])
+    assert metres_per_unit == pytest.approx(SpeedPrior().median_m_s)
+    np.testing.assert_allclose(metric.world_from_cam[:, 2, 3], [0, 0.92, 1.84, 2.76])  # 9.2 m/s
     assert past_motion.in_metres(drive([0, 0, 0, 0, 0, 0], np.arange(4) * 0.1, False))[1] == 1.0
 
 
