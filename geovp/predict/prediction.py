@@ -23,7 +23,6 @@ from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import FramePredictor
-from geovp_classic.types.speed_prior import MIN_SPREAD
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.types import (
@@ -35,6 +34,7 @@ from geovp_classic.types import (
     PrivilegedInput,
     Target,
 )
+from geovp_classic.types.speed_prior import MIN_SPREAD
 
 
 @dataclass(frozen=True)

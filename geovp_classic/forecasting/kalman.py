@@ -31,7 +31,7 @@ def fitted(name: Constants) -> VehicleModel:
     return VehicleModel(**tomllib.loads(text)[name])
 
 
-class ExtendedFilter(ExtendedKalmanFilter):
+class ExtendedFilter(ExtendedKalmanFilter):  # type: ignore[misc]  # filterpy has no types
     """Extended Kalman filter of a vehicle; its control input is the duration of a step."""
 
     def __init__(self, model: VehicleModel, belief: Belief) -> None:
@@ -57,7 +57,7 @@ class ExtendedFilter(ExtendedKalmanFilter):
         super().update(z, lambda state: np.eye(3, len(state)), lambda state: state[:3])
 
 
-class UnscentedFilter(UnscentedKalmanFilter):
+class UnscentedFilter(UnscentedKalmanFilter):  # type: ignore[misc]  # filterpy has no types
     """Unscented Kalman filter of a vehicle (Wan & van der Merwe 2000)."""
 
     def __init__(self, model: VehicleModel, belief: Belief, points: MerweScaledSigmaPoints) -> None:

@@ -24,8 +24,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_network import (
     MIRRORED_STATE,
-    PriorCoefficients,
     Network,
+    PriorCoefficients,
 )
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar, se3

@@ -35,7 +35,7 @@ def in_metres(
 
 def vehicle_from_cam(
     past: Trajectory,
-    # The pitch of a shorter path is drawn to 0: half a metre of noise of 1 cm is a pitch of 1 degree.
+    # The pitch of a shorter path is drawn to 0: 1 cm of noise on it is a pitch of 1 degree.
     min_path_m: float = 0.5,
     max_pitch_deg: float = 10.0,  # of a camera that shows the road; steeper paths are errors
 ) -> FloatArray:

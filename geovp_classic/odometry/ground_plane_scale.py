@@ -15,13 +15,13 @@ from geovp_classic.odometry.road import (
     RoadPair,
     level_plane,
 )
-from geovp_classic.types.speed_prior import MIN_SPREAD, SpeedPrior
 from geovp_classic.types import (
     ByteArray,
     FloatArray,
     Intrinsics,
     PrivilegedInput,
 )
+from geovp_classic.types.speed_prior import MIN_SPREAD, SpeedPrior
 
 
 @dataclass(frozen=True)

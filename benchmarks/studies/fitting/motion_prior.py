@@ -10,8 +10,8 @@ from torch import Tensor, distributions
 from torch.nn import functional
 
 from geovp_classic.forecasting.motion_network import (
-    PriorCoefficients,
     Network,
+    PriorCoefficients,
     damped_turn,
     past_features,
     spread_features,

@@ -13,7 +13,6 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.monocular import Monocular, Path, longest_segment
-from geovp_classic.types.speed_prior import SpeedPrior
 from geovp_classic.odometry.tracking import Image, Tracking
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.odometry.windowed_map import KeyframePolicy
@@ -27,6 +26,7 @@ from geovp_classic.types import (
     PrivilegedInput,
     Trajectory,
 )
+from geovp_classic.types.speed_prior import SpeedPrior
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 

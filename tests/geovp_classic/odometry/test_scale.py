@@ -12,9 +12,9 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
-from geovp_classic.types.speed_prior import SpeedPrior
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
+from geovp_classic.types.speed_prior import SpeedPrior
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
