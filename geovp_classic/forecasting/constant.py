@@ -29,7 +29,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class _RecentMotion(abc.ABC):
-    num_steps: int = 1  # whose motion is averaged
+    num_steps: int = 1  # whose motion is averaged; 1 is right for poses without noise
 
     def __post_init__(self) -> None:
         if self.num_steps < 1:

@@ -43,7 +43,7 @@ class MotionPrior(PlanarForecaster):
 
     coefficients: Path | None = None  # a file; None: the packaged one
     num_past_steps: int = 9  # those of the fit: ten poses of the protocol
-    # Faster turns are not in the training poses, and are clipped.
+    # Faster turns are not in the training poses, and are clipped: a full lock at 7 m/s.
     max_turn_rad_s: float = 1.5
 
     def paths(
