@@ -59,8 +59,8 @@ class DampedTurn:
         steps_s = np.diff(past.times_s)
         twists = se3.log(se3.steps(past.world_from_cam)) / steps_s[:, None]
         # Learn the noise: the spread around the mean is transient motion and measurement noise.
-        largest = np.repeat(np.abs(twists).reshape(-1, 2, 3).max(axis=(0, 2)), 3)
-        floor = (self.min_noise_ratio * largest + 1e-9) ** 2
+        max_rate = np.repeat(np.abs(twists).reshape(-1, 2, 3).max(axis=(0, 2)), 3)
+        floor = (self.min_noise_ratio * max_rate + 1e-9) ** 2
         variance = twists.var(axis=0) + floor
         transient_variance = (1 - self.noise_fraction) * variance
         # The state [12] is the steady part, with a prior around 0, and the transient part.

@@ -22,7 +22,7 @@ from geovp_classic.types import FloatArray, Trajectory
 class ImageDistance:
     """Distance of two futures as the angle by which the image content moves, in rad."""
 
-    # of the scene: a metre to the side moves it as much as 1 / 10 rad; about KITTI's median depth
+    # of the scene: a metre to the side moves it as much as 1 / 10 rad
     depth_m: float = 10.0
     # effect of a metre ahead to a metre aside, half-way to the border
     ahead_ratio: float = 0.5
@@ -66,7 +66,7 @@ class Representative:
     """
 
     source: Forecaster = MotionPrior()
-    # The medoids of more draws are about the same, in time that grows with the square
+    # Time and memory grow with the square: 200 take a few milliseconds.
     num_draws: int = 200
     distance: ImageDistance = ImageDistance()
 
