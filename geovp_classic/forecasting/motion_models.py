@@ -49,8 +49,11 @@ class VehicleModel:
         x, z, yaw, speed, turn_rate = np.moveaxis(state[..., :5], -1, 0)
         acceleration = state[..., 5] if state.shape[-1] == 6 else np.zeros_like(speed)
         # Braking ends at rest: the vehicle moves until its speed is 0, or for all of dt.
-        moving_s = np.minimum(dt_s, self._stopping_s(speed, acceleration))
-        is_stopped = moving_s < dt_s
+        stopping_s = self._stopping_s(speed, acceleration)
+        moving_s = np.minimum(dt_s, stopping_s)
+        end_speed = self._speed(speed, acceleration, moving_s)
+        # A speed that rounding has reversed is 0, too.
+        is_stopped = (stopping_s <= dt_s) | (end_speed * speed < 0)
         # Speed, distance and yaw are integrals over the time of moving (Gauss-Legendre).
         at_s = moving_s[..., None] / 2 * (1 + NODES)  # [..., 3]
         weights_s = moving_s[..., None] / 2 * WEIGHTS
@@ -67,7 +70,7 @@ class VehicleModel:
         end_x = x + chord * np.sin(chord_yaw) + swing_x
         end_z = z + chord * np.cos(chord_yaw) + swing_z
         # A vehicle at rest neither turns nor accelerates.
-        end_speed = np.where(is_stopped, 0.0, self._speed(speed, acceleration, moving_s))
+        end_speed = np.where(is_stopped, 0.0, end_speed)
         end_turn_rate = self._turn_rate(turn_rate, speed, end_speed, moving_s)
         remaining = np.exp(-self.acceleration_damping_hz * moving_s)
         end_acceleration = np.where(is_stopped, 0.0, acceleration * remaining)
@@ -105,7 +108,8 @@ class VehicleModel:
         acceleration: FloatArray,
     ) -> FloatArray:
         """Return the time after which braking ends at rest; inf if it does not."""
-        is_braking = speed * acceleration < -1e-12  # slower braking takes longer than any forecast
+        # Weaker braking takes longer than any forecast.
+        is_braking = (speed * acceleration < 0) & (np.abs(acceleration) > 1e-9)
         undamped_s = -speed / np.where(is_braking, acceleration, 1.0)
         if self.acceleration_damping_hz == 0:
             return np.where(is_braking, undamped_s, np.inf)
