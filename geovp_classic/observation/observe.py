@@ -1,5 +1,6 @@
 """Observation of a clip: screening, scene mask and grey images, computed once per stream."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -188,14 +189,15 @@ def recent(
     frames: ImageStream,
     num_frames: int,
 ) -> tuple[Context, Trajectory]:
-    """Return the last usable frames of one stream as a context, and their poses."""
+    """Return the last `num_frames` usable frames of one stream as a context, and their poses."""
     observations = observations_of(context, frames)
     if frames == "full" and context.past_depths is not None:
         raise Incompatible(
             "recorded depth covers the crop only: estimate depth for uncropped frames"
         )
-    steps = np.arange(context.num_past) >= context.num_past - num_frames
-    steps &= observations.is_usable
+    # Counted from the end: the last frame has rank 1.
+    rank = np.cumsum(observations.is_usable[::-1])[::-1]
+    steps = observations.is_usable & (rank <= num_frames)
     recent = replace(
         context,
         frames=observations.frames,
@@ -210,7 +212,8 @@ def scene_window_of(greys: ByteArray) -> Window:
     return scene_window(Observer().scene(greys)[0])
 
 
-def _greys(frames: ByteArray) -> ByteArray:
+def _greys(frames: Iterable[ByteArray]) -> ByteArray:
+    """Return the grey images [N, H, W] of frames [H, W, 3]."""
     return np.stack([pinhole.grey8(frame) for frame in frames])
 
 

@@ -186,8 +186,7 @@ class Registration:
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
         observed = observation.observations_of(context, self.frames)
-        steps = np.flatnonzero(observed.is_usable)
-        steps = steps[steps >= len(observed.is_usable) - self.num_frames]
+        steps = np.flatnonzero(observed.is_usable)[-self.num_frames :]
         given = motion.past.world_from_cam
         adjusted = self.registration.register(
             observed.greys[steps],

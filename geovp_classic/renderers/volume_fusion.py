@@ -8,6 +8,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter
+from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering.source import Source
 from geovp_classic.rendering.volume import VolumeScene, VolumeSettings
@@ -50,8 +51,7 @@ class VolumeFusion:
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> VolumeScene:
         """Return the volume of the last frames, in the world frame and the unit of the past."""
-        recent = context.only(self.needs).recent(self.num_frames)
-        past = past[-self.num_frames :]
+        recent, past = recent_frames(context.only(self.needs), past, "crop", self.num_frames)
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes

@@ -1,0 +1,72 @@
+"""Components use the last usable frames."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import geovp
+from geovp_classic import registry
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry import se3
+from geovp_classic.observation import Observer
+from geovp_classic.pose_refinement.registration import Registration
+from geovp_classic.types import Context, Motion, PrivilegedInput, Trajectory
+
+
+@pytest.fixture(scope="module")
+def street() -> tuple[Context, Trajectory]:
+    """Five frames of a street and ten blank ones, and the true past."""
+    clip = Synthetic(num_frames=18, num_clips=1, size_px=(64, 64))[0]
+    frames = clip.frames.copy()
+    frames[5:15] = 90
+    context, _ = replace(clip, frames=frames).split(15, PrivilegedInput.CAMERA_HEIGHT)
+    assert clip.trajectory is not None
+    return context, clip.trajectory[:15]
+
+
+@pytest.mark.parametrize(
+    "renderer",
+    [
+        {"name": "depth-fusion", "num_frames": 3},
+        {"name": "volume-fusion", "num_frames": 3},
+        {"name": "ground-far-plane"},
+    ],
+    ids=lambda renderer: renderer["name"],
+)
+def test_blank_frames_change_no_scene(
+    street: tuple[Context, Trajectory], renderer: dict[str, Any]
+) -> None:
+    context, past = street
+    renderer = registry.build("renderers", renderer)
+    without_blank = context.observed(np.arange(15) < 5)
+    views = []
+    for observed, trajectory in ((context, past), (without_blank, past[:5])):
+        scene = renderer.reconstruct(Observer().observe(observed).context, trajectory)
+        views.append(scene.view(past.world_from_cam[6:7], past.times_s[6:7], context.intrinsics))
+    assert views[0].covered.any()
+    difference = np.abs(views[0].frames[0].astype(int) - views[1].frames[0])
+    # Open3D's threads change a few pixels from run to run.
+    assert (difference > 1).mean() < 0.01
+
+
+def test_blank_frames_change_no_registration(street: tuple[Context, Trajectory]) -> None:
+    context, past = street
+    given = past.world_from_cam.copy()
+    given[3] = given[3] @ se3.exp(np.array([0, 0, 0, np.deg2rad(0.5), 0, 0]))
+    past = replace(past, world_from_cam=given)
+    registered = []
+    for observed, num_past in ((context, 15), (context.observed(np.arange(15) < 5), 5)):
+        motion = Motion(past[:num_past], given[None, -1:], np.ones(num_past, bool))
+        refined = Registration().refine(Observer().observe(observed).context, motion)
+        registered.append(refined.past.world_from_cam[:5])
+    assert np.abs(registered[0] - given[:5]).max() > 1e-3
+    np.testing.assert_allclose(registered[0], registered[1], atol=1e-9)
+
+
+def test_a_video_that_ends_in_ten_blank_frames_is_predicted(
+    street: tuple[Context, Trajectory],
+) -> None:
+    prediction = geovp.predict(street[0])
+    assert prediction.frames.std(axis=(0, 2, 3, 4)).min() > 10  # not blank
