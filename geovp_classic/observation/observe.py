@@ -173,9 +173,9 @@ def future_greys(context: Context, frames: ImageStream) -> ByteArray:
     Raise Incompatible if they, or the uncropped frames, are missing.
     """
     if frames == "full" and context.future_full is not None:
-        view = context.future_full
-        usable = np.ones(len(view), dtype=bool)
-        return Observer().full_observations(view, context.intrinsics, usable).greys
+        camera = observations_of(context, "full").intrinsics
+        size_px = (camera.width_px, camera.height_px)
+        return _greys([pinhole.resize(frame, size_px) for frame in context.future_full.frames])
     if frames == "crop" and context.future_frames is not None:
         return _greys(context.future_frames)
     raise Incompatible(

@@ -1,4 +1,4 @@
-"""Components use the last usable frames."""
+"""Components use the last usable frames, and both image streams have the observer's resolution."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,9 +10,10 @@ import geovp
 from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
-from geovp_classic.observation import Observer
+from geovp_classic.observation import Observer, future_greys
 from geovp_classic.pose_refinement.registration import Registration
-from geovp_classic.types import Context, Motion, PrivilegedInput, Trajectory
+from geovp_classic.types import Context, ExtraView, Motion, PrivilegedInput, Trajectory
+from tests.geovp_classic.observation.test_uncropped import NATIVE, noise_context
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +71,16 @@ def test_a_video_that_ends_in_ten_blank_frames_is_predicted(
 ) -> None:
     prediction = geovp.predict(street[0])
     assert prediction.frames.std(axis=(0, 2, 3, 4)).min() > 10  # not blank
+
+
+def test_future_images_have_the_resolution_of_the_observed_ones() -> None:
+    context = noise_context(40)  # a square of 40 pixels for the native 80
+    assert context.full is not None
+    future = ExtraView(context.full.frames[:1], NATIVE, np.eye(4))
+    context = replace(context, future_full=future)
+    for max_full_scale, height_px in ((1.0, 40), (1.5, 60)):
+        observed = Observer(max_full_scale=max_full_scale).observe(context).context
+        assert observed.full_observations is not None
+        assert observed.full_observations.greys.shape[1] == height_px
+        greys = future_greys(observed, "full")
+        np.testing.assert_array_equal(greys, observed.full_observations.greys[:1])
