@@ -10,7 +10,7 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.formats import sequence_paths
 from geovp_classic.data.frames.image_frames import decode
-from geovp_classic.depth.alignment import (
+from geovp_classic.depth.relative_depth import (
     DepthAlignment,
     DepthValues,
     inverse_of,

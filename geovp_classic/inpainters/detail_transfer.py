@@ -9,7 +9,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
-from geovp_classic.rendering.detail_transfer import wide_blur
+from geovp_classic.rendering.magnified_detail import wide_blur
 from geovp_classic.types import ByteArray, Views
 
 

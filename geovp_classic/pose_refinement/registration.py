@@ -31,7 +31,7 @@ from geovp_classic.types import (
 
 
 @dataclass(frozen=True)
-class CornerTracker:
+class ReferenceTracker:
     """Corners of the middle of a reference image, tracked from frame to frame until lost."""
 
     # in a square image; proportionally more in wider ones
@@ -99,7 +99,7 @@ class CornerTracker:
 class ImageRegistration:
     """Adjustment of given poses to tracked corners of a reference image."""
 
-    tracker: CornerTracker = CornerTracker()
+    tracker: ReferenceTracker = ReferenceTracker()
     adjustment: AnchoredAdjustment = AnchoredAdjustment()
     min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
     # Largest depth of a corner, over the largest distance from the reference.

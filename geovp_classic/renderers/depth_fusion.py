@@ -11,12 +11,12 @@ from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import fusion
-from geovp_classic.rendering.detail_transfer import MagnifiedDetail
 from geovp_classic.rendering.exposure import (
     ExposedScene,
     ExposureControl,
     ExposureEstimator,
 )
+from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.rendering.source import Source
 from geovp_classic.types import Context, PrivilegedInput, Trajectory

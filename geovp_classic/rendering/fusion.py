@@ -15,9 +15,9 @@ import numpy as np
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering import patches
-from geovp_classic.rendering.detail_transfer import MagnifiedDetail
 from geovp_classic.rendering.image_sampler import ImageSampler
 from geovp_classic.rendering.inpainting import inpainted_views
+from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 from geovp_classic.rendering.patches import Patches, PatchModel
 from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.rendering.source import Source, resampled

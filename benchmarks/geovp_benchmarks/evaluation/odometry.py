@@ -11,7 +11,7 @@ from geovp.progress import tracked
 from geovp_classic import registry
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.metrics import odometry as drift
+from geovp_classic.metrics import drift
 from geovp_classic.types import BoolArray, PrivilegedInput, Trajectory
 
 Spec = Mapping[str, Any]

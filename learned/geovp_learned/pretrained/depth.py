@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from geovp_classic.depth.alignment import DepthAlignment, DepthValues, inverse_of, metric
+from geovp_classic.depth.relative_depth import DepthAlignment, DepthValues, inverse_of, metric
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Context, FloatArray, PrivilegedInput, Trajectory
 from geovp_learned.checkpoints import UNKNOWN_ORIGIN

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import street
 
-from geovp_classic.depth.alignment import DepthAlignment
 from geovp_classic.depth.hybrid import Hybrid
+from geovp_classic.depth.relative_depth import DepthAlignment
 from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 
 CLIP = street.clip()

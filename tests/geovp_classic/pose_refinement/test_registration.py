@@ -8,8 +8,8 @@ import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.pose_refinement.registration import (
-    CornerTracker,
     ImageRegistration,
+    ReferenceTracker,
     direction_correction,
 )
 from geovp_classic.types import FloatArray, Intrinsics
@@ -56,7 +56,7 @@ def test_poses_stay_without_texture_or_motion(image: Image) -> None:
 
 def test_tracks_move_away_from_the_epipole(image: Image) -> None:
     images = np.stack([image(pose)[..., 0] for pose in straight(3)])
-    pixels, is_visible = CornerTracker().track(images, reference=1)
+    pixels, is_visible = ReferenceTracker().track(images, reference=1)
     assert is_visible[1].all()
     assert is_visible[0].mean() > 0.5
     assert is_visible[2].mean() > 0.5
@@ -78,16 +78,16 @@ def test_windows_of_tracks_grow_with_tall_images(
 
     monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", noted)
     images = np.random.default_rng(5).integers(0, 256, (2, rows, 80)).astype(np.uint8)
-    CornerTracker().track(images, reference=0)
+    ReferenceTracker().track(images, reference=0)
     assert set(sides) == {(side, side)}
 
 
 def test_a_wide_image_is_registered_by_its_middle() -> None:
     images = np.random.default_rng(4).integers(0, 256, (2, 64, 200)).astype(np.uint8)
-    columns = CornerTracker().track(images, reference=0)[0][0, :, 0]
+    columns = ReferenceTracker().track(images, reference=0)[0][0, :, 0]
     assert columns.min() >= 49  # (200 - 1.6 * 64) / 2
     assert columns.max() < 151
     square = np.ascontiguousarray(images[:, :, :64])
-    columns = CornerTracker().track(square, reference=0)[0][0, :, 0]
+    columns = ReferenceTracker().track(square, reference=0)[0][0, :, 0]
     assert columns.min() < 8
     assert columns.max() > 56

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.metrics import odometry
+from geovp_classic.metrics import drift
 from geovp_classic.types import Trajectory
 
 seeds = st.integers(0, 2**32 - 1)
@@ -41,28 +41,28 @@ def wobbly(seed: int, steps: int = 60) -> Trajectory:
 
 
 def test_five_percent_too_fast_drifts_five_percent() -> None:
-    drift = odometry.kitti_drift(straight(400, 1.05), straight(400))
+    measured = drift.kitti_drift(straight(400, 1.05), straight(400))
     # The first frame *farther* than the length is 101 m away on a 1 m grid: 101 * 0.05 m / 100 m,
     # 201 * ... and so on.
     expected = np.mean([5 * (n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
-    assert drift.translation_percent == pytest.approx(expected, rel=1e-6)
-    assert drift.rotation_deg_per_100m == pytest.approx(0, abs=1e-5)
-    assert drift.num_segments == 30 + 20 + 10
+    assert measured.translation_percent == pytest.approx(expected, rel=1e-6)
+    assert measured.rotation_deg_per_100m == pytest.approx(0, abs=1e-5)
+    assert measured.num_segments == 30 + 20 + 10
 
 
 def test_constant_yaw_drift_is_counted_per_metre() -> None:
     # 0.01 degrees at every metre: 1.01 degrees after the 101 steps of a segment of 100 m, and 2.01,
     # 3.01.
-    drift = odometry.kitti_drift(straight(400, yaw_rad=np.deg2rad(0.01)), straight(400))
+    measured = drift.kitti_drift(straight(400, yaw_rad=np.deg2rad(0.01)), straight(400))
     expected = np.mean([(n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
-    assert drift.rotation_deg_per_100m == pytest.approx(expected, rel=1e-3)
+    assert measured.rotation_deg_per_100m == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_short_path_has_no_drift() -> None:
-    drift = odometry.kitti_drift(straight(99), straight(99))
-    assert str(drift) == "too short"
-    assert np.isnan([drift.translation_percent, drift.rotation_deg_per_100m]).all()
-    assert str(odometry.kitti_drift(straight(400), straight(400))) == "0.00 % / 0.000 deg/100m"
+    measured = drift.kitti_drift(straight(99), straight(99))
+    assert str(measured) == "too short"
+    assert np.isnan([measured.translation_percent, measured.rotation_deg_per_100m]).all()
+    assert str(drift.kitti_drift(straight(400), straight(400))) == "0.00 % / 0.000 deg/100m"
 
 
 @settings(max_examples=25)
@@ -74,15 +74,15 @@ def test_alignment_removes_only_its_transform(seed: int, scale: float) -> None:
     scaled = moved.copy()
     scaled[:, :3, 3] *= scale
     similar = Trajectory(scaled, truth.times_s, False)
-    for how in odometry.ALIGNMENTS:
-        assert odometry.absolute_error_m(odometry.aligned(rigid, truth, how), truth).max() < 1e-6
+    for how in drift.ALIGNMENTS:
+        assert drift.absolute_error_m(drift.aligned(rigid, truth, how), truth).max() < 1e-6
     for how in ("scale", "sim3"):
-        back = odometry.aligned(similar, truth, how)
+        back = drift.aligned(similar, truth, how)
         assert back.is_metric
-        assert odometry.absolute_error_m(back, truth).max() < 1e-6
-        assert odometry.relative_error(back, truth)[0].max() < 1e-6
-    left = odometry.root_mean_square(
-        odometry.absolute_error_m(odometry.aligned(similar, truth, "se3"), truth)
+        assert drift.absolute_error_m(back, truth).max() < 1e-6
+        assert drift.relative_error(back, truth)[0].max() < 1e-6
+    left = drift.root_mean_square(
+        drift.absolute_error_m(drift.aligned(similar, truth, "se3"), truth)
     )
     spread = np.std(truth.world_from_cam[:, :3, 3] - truth.world_from_cam[0, :3, 3], axis=0)
     assert left == pytest.approx(abs(scale - 1) * np.linalg.norm(spread), rel=1e-6, abs=1e-6)
@@ -95,12 +95,12 @@ def test_drift_and_relative_error_are_independent_of_the_world_frame(seed: int) 
     elsewhere = Trajectory(
         se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ estimate.world_from_cam, truth.times_s, True
     )
-    a, b = (odometry.kitti_drift(path, truth) for path in (estimate, elsewhere))
+    a, b = (drift.kitti_drift(path, truth) for path in (estimate, elsewhere))
     assert a.num_segments == b.num_segments > 0
     assert a.translation_percent == pytest.approx(b.translation_percent, rel=1e-6)
     for one, other in zip(
-        odometry.relative_error(estimate, truth),
-        odometry.relative_error(elsewhere, truth),
+        drift.relative_error(estimate, truth),
+        drift.relative_error(elsewhere, truth),
         strict=True,
     ):
         np.testing.assert_allclose(one, other, atol=1e-6)
@@ -108,9 +108,9 @@ def test_drift_and_relative_error_are_independent_of_the_world_frame(seed: int) 
 
 def test_unequal_lengths_are_refused() -> None:
     with pytest.raises(BadData, match="3 estimated poses for 4 real ones"):
-        odometry.absolute_error_m(straight(2), straight(3))
+        drift.absolute_error_m(straight(2), straight(3))
     with pytest.raises(BadData, match="expected 1 to 3"):
-        odometry.relative_error(straight(3), straight(3), num_steps=4)
+        drift.relative_error(straight(3), straight(3), num_steps=4)
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -158,17 +158,17 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
         ("se3", ["--align"]),
         ("sim3", ["--align", "--correct_scale"]),
     ):
-        ours = odometry.root_mean_square(
-            odometry.absolute_error_m(odometry.aligned(estimate, truth, how), truth)
+        ours = drift.root_mean_square(
+            drift.absolute_error_m(drift.aligned(estimate, truth, how), truth)
         )
         assert ours == pytest.approx(evo("evo_ape", tmp_path, *options), rel=1e-5), how
-    translation, rotation_deg = odometry.relative_error(estimate, truth, num_steps=5)
+    translation, rotation_deg = drift.relative_error(estimate, truth, num_steps=5)
     steps = ["--delta", "5", "--delta_unit", "f", "--all_pairs"]
-    assert odometry.root_mean_square(translation) == pytest.approx(
+    assert drift.root_mean_square(translation) == pytest.approx(
         evo("evo_rpe", tmp_path, *steps), rel=1e-5
     )
     angle = evo("evo_rpe", tmp_path, *steps, "--pose_relation", "angle_deg")
-    assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
+    assert drift.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -176,8 +176,8 @@ def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None
     twists = np.tile([0.3, 0.2, 1.0, 0, 0, 0], (20, 1))
     wrong = twists + 0.05 * np.eye(6)[axis]
     np.testing.assert_allclose(
-        odometry.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9
+        drift.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9
     )
     np.testing.assert_allclose(
-        odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9
+        drift.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9
     )

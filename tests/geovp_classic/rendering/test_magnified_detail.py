@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.rendering.detail_transfer import MagnifiedDetail, wide_blur
+from geovp_classic.rendering.magnified_detail import MagnifiedDetail, wide_blur
 
 
 @pytest.mark.parametrize("sigma_px", [1.0, 4.0, 6.0, 8.0, 20.0])
