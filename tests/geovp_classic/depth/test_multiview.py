@@ -1,6 +1,7 @@
 """Depth of a street that can be worked out on paper, from its images and poses."""
 
 import dataclasses
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -116,3 +117,17 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> No
     inverse_depth, _ = estimate(dataclasses.replace(context, frames=frames), past)
     # Without the extra cost of near planes, parts of the sky are at 9 m.
     assert inverse_depth[8:30, 40:-40].max() < 1 / 50
+
+
+def test_the_memory_of_a_sweep_is_bounded(observe: Observe) -> None:
+    # 128 x 112 pixels and 96 planes are 1.4 million costs, of five bytes with their path sums: 6.9 MB.
+    context, past, truth = observe(_drive())
+    bounded = Multiview(max_costs=400_000)  # 2 MB
+    estimate(context, past, bounded)  # compiles
+    tracemalloc.start()
+    inverse_depth, _ = estimate(context, past, bounded)
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 2e6 + 2e6  # with the images, and the depth maps of six frames
+    errors = np.abs(inverse_depth / truth[-1] - 1)
+    assert np.median(errors[_away_from_epipole(errors.shape)]) < 0.05

@@ -1,5 +1,7 @@
 """Colours of views against a smooth pattern that is known between pixels, too."""
 
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
@@ -94,3 +96,14 @@ def test_resampling_keeps_pixels_and_continues_the_border() -> None:
     larger = resampled(source, SOURCE_CAMERA.cropped(-3, -2, 55, 40))
     framed = cv2.copyMakeBorder(frame, 2, 2, 3, 3, cv2.BORDER_REPLICATE)
     np.testing.assert_array_equal(larger, framed)
+
+
+def test_the_memory_of_a_sampled_image_is_bounded() -> None:
+    frame = np.random.default_rng(3).integers(0, 255, (1080, 1920, 3), dtype=np.uint8)
+    source = Source(frame, Intrinsics(1700.0, 1700.0, 959.5, 539.5, 1920, 1080), np.eye(4))
+    tracemalloc.start()
+    source.sample(np.full((8, 8, 2), 500, np.float32), np.ones((8, 8), bool))
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # Three times the height and the width, next to the frame with its margins: 62 MB in all.
+    assert peak_bytes < 11 * frame.nbytes
