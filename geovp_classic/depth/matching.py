@@ -28,12 +28,14 @@ class WindowCorrelation:
 
     # Windows whose grey values vary less match nothing: about the noise of a camera.
     noise_variance: float = 2.0
-    # Cost where no source sees the point: neither good nor bad.
+    # Cost where no source sees the point: half of the range, neither good nor bad.
     unseen_cost: int = 128
-    # Extra cost of the nearest plane, so that windows without texture, like the sky's, are far.
+    # Extra cost of the nearest plane, so that windows without texture, like the sky's, are far. Set
+    # by hand, below the cost of a large step between neighbours.
     max_near_cost: int = 8
     # Sources with less than this part of the longest baseline are compared at every
-    # `short_stride`-th plane, and their scores are interpolated. This saves a third of the time.
+    # `short_stride`-th plane, and their scores are interpolated: between four planes their parallax
+    # changes by less than 4/3 steps. This saves a third of the time; depth is no worse.
     short_baseline_fraction: float = 1 / 3
     short_stride: int = 4
 
@@ -49,6 +51,8 @@ class WindowCorrelation:
         """Return the costs [H, W, N], averaged over the sources that see a point."""
         height, width = reference.shape
         num_planes = len(inverse_depths)
+        # The homography of a plane that faces the camera is K R inv(K) + q K t (0, 0, 1) (Hartley &
+        # Zisserman 2004, eq. 13.2).
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
         homographies = np.stack([infinity_from_pixel] * num_planes)
@@ -59,10 +63,11 @@ class WindowCorrelation:
         costs = np.empty((height, width, num_planes), np.uint8)
 
         def match(first: int) -> None:
+            # A band holds the rows of a task and those that their windows reach.
             rows = costs[first : first + ROWS_PER_TASK]
             last = first + len(rows)
             top = max(first - RADIUS_PX, 0)
-            from_band = homographies.copy()
+            from_band = homographies.copy()  # of pixels whose rows are counted from the band's top
             from_band[..., 2] += top * from_band[..., 1]
             planes = np.empty((num_planes, *rows.shape[:2]), np.uint8)
             _match_band(
@@ -91,6 +96,8 @@ class WindowCorrelation:
         costs: CostArray,  # [H, W, N]
     ) -> BoolArray:
         """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
+        # Points between the outermost planes are seen where those are; `_write_mean_costs` writes
+        # `unseen_cost` elsewhere.
         unseen = self.unseen_cost + self._near_costs(costs.shape[-1])
         outermost = [0, -1]
         return np.asarray((costs[..., outermost] != unseen[outermost]).any(axis=-1))
@@ -101,6 +108,7 @@ class WindowCorrelation:
 
     def _windows(self, reference: ByteArray) -> FloatArray:
         """Return grey values, window means and inverse standard deviations [3, H, W]."""
+        # var(x) = mean(x^2) - mean(x)^2, over the window
         grey = reference.astype(np.float32)
         window = (WINDOW_PX, WINDOW_PX)
         border = cv2.BORDER_REPLICATE
@@ -141,48 +149,62 @@ def _match_band(
     first: int,  # of the scored rows, in the band
     costs: CostArray,  # [N, R, W], written
 ) -> None:
-    """Write the costs of the rows of a band."""
+    """Write the costs of the rows of a band, plane by plane.
+
+    Short baselines are compared at the first plane of each block of `short_stride` planes, and at
+    the last plane of all; in between their scores are interpolated.
+    """
     num_planes, num_rows, width = costs.shape
     shape = (2, num_rows, width)
-    warped = np.empty(reference.shape, np.float32)
-    is_seen = np.empty(reference.shape, np.float32)
+    scorer = (reference, window_mean, inverse_deviation, images, noise_variance, first)
     after = np.zeros(shape, np.float32)
-    for plane in range(-short_stride, num_planes):
-        step = plane % short_stride
-        if step == 0:
-            before = after
-            after = np.zeros(shape, np.float32)
-        scores = np.zeros(shape, np.float32)
-        for s in range(len(images)):
-            compared = plane
-            summed = scores
-            if is_short[s]:
-                compared = min(plane + short_stride, num_planes - 1)
-                summed = after
-            if compared < 0 or (is_short[s] and step > 0):
-                continue
-            _warp(images[s], source_from_band[compared, s], warped, is_seen)
-            _add_scores(
-                reference,
-                window_mean,
-                inverse_deviation,
-                warped,
-                is_seen,
-                noise_variance,
-                first,
-                summed,
-            )
-        if plane >= 0:
+    _add_plane(scorer, source_from_band[0], is_short, after)
+    for block in range(0, num_planes, short_stride):
+        # The end of one block is the beginning of the next.
+        before = after
+        after = np.zeros(shape, np.float32)
+        end = min(block + short_stride, num_planes - 1)
+        _add_plane(scorer, source_from_band[end], is_short, after)
+        for plane in range(block, min(block + short_stride, num_planes)):
+            # Long baselines are compared at each plane.
+            scores = np.zeros(shape, np.float32)
+            _add_plane(scorer, source_from_band[plane], ~is_short, scores)
             _write_mean_costs(
                 scores,
                 before,
                 after,
-                np.float32(step / short_stride),
+                np.float32((plane - block) / short_stride),
                 max_cost,
                 unseen_cost,
                 near_costs[plane],
                 costs[plane],
             )
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _add_plane(
+    # As in `_match_band`: reference, window_mean, inverse_deviation, images, noise_variance, first
+    scorer: tuple[FloatArray, FloatArray, FloatArray, PackedArray, np.float32, int],
+    source_from_band: FloatArray,  # [S, 3, 3], of the plane
+    is_compared: BoolArray,  # [S]
+    scores: FloatArray,  # [2, R, W], added to
+) -> None:
+    """Add the scores of some sources at one plane."""
+    reference, window_mean, inverse_deviation, images, noise_variance, first = scorer
+    warped = np.empty(reference.shape, np.float32)
+    is_seen = np.empty(reference.shape, np.float32)
+    for s in np.flatnonzero(is_compared):
+        _warp(images[s], source_from_band[s], warped, is_seen)
+        _add_scores(
+            reference,
+            window_mean,
+            inverse_deviation,
+            warped,
+            is_seen,
+            noise_variance,
+            first,
+            scores,
+        )
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -211,13 +233,16 @@ def _warp(
     fraction_u = np.empty(width, np.float32)
     fraction_v = np.empty(width, np.float32)
     for row in range(num_rows):
+        # Homogeneous pixels of the image; the terms of the row are the same for all columns.
         row_u = h[0, 1] * np.float32(row) + h[0, 2]
         row_v = h[1, 1] * np.float32(row) + h[1, 2]
         row_z = h[2, 1] * np.float32(row) + h[2, 2]
         for x in range(width):
+            # Behind the source, z is negative, and the pixel comes out far outside.
             per_z = unit / max(h[2, 0] * np.float32(x) + row_z, min_z)
             u = (h[0, 0] * np.float32(x) + row_u) * per_z
             v = (h[1, 0] * np.float32(x) + row_v) * per_z
+            # A pixel covers half a pixel around its centre: the image ends there.
             inner_u = min(max(u, zero), last_u)
             inner_v = min(max(v, zero), last_v)
             is_inside = max(abs(u - inner_u), abs(v - inner_v)) < half
@@ -227,8 +252,10 @@ def _warp(
             fraction_u[x] = inner_u - np.float32(left)
             fraction_v[x] = inner_v - np.float32(top)
             indices[x] = top * np.int32(width) + left
+        # The four neighbours of each place, as the bytes of a number.
         for x in range(width):
             indices[x] = flat[np.uint64(indices[x])]
+        # Bilinear interpolation.
         for x in range(width):
             corners = indices[x]
             top_left = np.float32(np.int32(corners & byte))
@@ -254,10 +281,12 @@ def _write_mean_costs(
     """Write the mean costs of the sources that see a pixel."""
     for row in range(costs.shape[0]):
         for x in range(costs.shape[1]):
+            # Short baselines, interpolated between two planes, and long ones.
             score = before[0, row, x]
             score += weight * (after[0, row, x] - score) + scores[0, row, x]
             count = before[1, row, x]
             count += weight * (after[1, row, x] - count) + scores[1, row, x]
+            # The mean over the sources that see the pixel; without any, a neutral cost.
             cost = max_cost * score / max(count, np.float32(1e-6))
             mean = np.uint8(cost) if count > 0 else unseen_cost
             costs[row, x] = mean + near_cost
@@ -282,17 +311,21 @@ def _add_scores(
     # Sums of each column over the five rows of the window, with a margin on either side.
     columns = np.zeros((3, width + 2 * RADIUS_PX), np.float32)
     values, squares, products = columns
+    # All rows but the last one of the first window; the loop below adds that.
     for row in range(first - RADIUS_PX, first + RADIUS_PX):
         _add_row(reference, warped, row, unit, columns)
     for row in range(num_rows):
+        # Move the windows down by a row: add the one below, subtract the one above.
         middle = first + row
         _add_row(reference, warped, middle + RADIUS_PX, unit, columns)
         if row > 0:
             _add_row(reference, warped, middle - RADIUS_PX - 1, -unit, columns)
+        # The image's border continues outside.
         for k in range(3):
             columns[k, :RADIUS_PX] = columns[k, RADIUS_PX]
             columns[k, -RADIUS_PX:] = columns[k, -RADIUS_PX - 1]
         for x in range(width):
+            # ZNCC = cov(x, y) / sqrt(var(x) var(y)), with the noise added to both variances
             mean = _window_sum(values, x) / num_pixels
             mean_square = _window_sum(squares, x) / num_pixels
             mean_product = _window_sum(products, x) / num_pixels

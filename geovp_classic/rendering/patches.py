@@ -46,13 +46,16 @@ def concatenate(clouds: Sequence[Patches]) -> Patches:
 class PatchModel:
     """Conversion of depth maps to patches, and their rasterisation."""
 
-    # Half the side of a patch; more than 0.5 closes cracks on curved surfaces.
+    # Half the side of a patch. At .5 they tile a plane; overlap closes cracks on curved surfaces.
     half_px: float = 0.52
-    # A surface is straight where its next step differs by less than this fraction.
+    # A surface is straight where its next step differs by less than this fraction. Set by hand: at
+    # an edge one step is many times the next.
     max_step_change: float = 0.5
-    # A step of less than this fraction of the inverse depth is a slope, not an edge.
+    # A step of less than this fraction of the inverse depth is a slope, not an edge. Set by hand, a
+    # fifth of the depth difference up to which fusion takes surfaces for one.
     max_smooth_step: float = 0.02
-    # Width of a patch in views that are much coarser than the sources; smaller ones are thinned.
+    # Width of a patch in views that are coarser than the sources; smaller ones are thinned. At one
+    # pixel of the view, no pixel stays empty.
     coarse_patch_px: float = 1.0
 
     def from_depth_map(
@@ -62,10 +65,11 @@ class PatchModel:
         source: int,
     ) -> Patches:
         """Return the patches of all known pixels of one image."""
+        # Unknown depth is NaN, so that it takes no part in slopes.
         q = np.where(is_known, inverse_depth, np.nan).astype(np.float32)
-        v, u = np.nonzero(is_known)
-        pixels = np.stack([u, v], axis=-1).astype(np.float32)
-        index = np.full(len(u), source, np.int32)
+        rows, columns = np.nonzero(is_known)
+        pixels = np.stack([columns, rows], axis=-1).astype(np.float32)
+        index = np.full(len(pixels), source, np.int32)
         return Patches(pixels, q[is_known], self.slopes(q)[is_known], index)
 
     def slopes(self, inverse_depth: FloatArray) -> FloatArray:
@@ -80,10 +84,15 @@ class PatchModel:
         A pixel at an edge belongs to the side whose next step continues its own step; of two such
         sides to the flatter one. Without such a side the slope is 0.
         """
+        # With two columns of NaN on either side, column j of the image has the steps j and j + 1 on
+        # its left and j + 2 and j + 3 on its right.
         padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
         steps = np.diff(padded, axis=1)
-        left = self._straight(steps[:, 1:-2], steps[:, :-3], inverse_depth)
-        right = self._straight(steps[:, 2:-1], steps[:, 3:], inverse_depth)
+        far_left, near_left, near_right, far_right = (
+            steps[:, first : first + inverse_depth.shape[1]] for first in range(4)
+        )
+        left = self._straight(near_left, far_left, inverse_depth)
+        right = self._straight(near_right, far_right, inverse_depth)
         flatter = np.where(np.abs(right) <= np.abs(left), right, left)
         return np.where(np.isfinite(flatter), flatter, 0)
 
@@ -107,6 +116,7 @@ class PatchModel:
 
         Pixels without a patch have inverse depth -1 and number NO_INDEX.
         """
+        # Thinning: in coarse views one patch of stride x stride pixels stands for all of them.
         source_px = sources[0].camera.fx_px / camera.fx_px  # pixels of a source per pixel
         stride = max(1, int(self.coarse_patch_px * source_px))
         used = np.arange(len(cloud))
@@ -114,13 +124,13 @@ class PatchModel:
             is_used = cloud.pixels.astype(int) % stride == stride // 2
             used = np.flatnonzero(is_used.all(axis=1))
         patches = tuple(values[used] for values in vars(cloud).values())
-        numbers = np.append(used, NO_INDEX).astype(np.int32)
         size = (len(world_from_cam), camera.height_px, camera.width_px)
         z_buffer = np.full(size, -1, np.float32)
         winner = np.full(size, NO_INDEX, np.int32)
         half_px = np.float32(stride * self.half_px)
 
         def rasterise(step: int) -> None:
+            # The linear map of each source's (u, v, 1, inverse depth) to homogeneous view pixels.
             cam_from_world = se3.inverse(world_from_cam[step])
             to_view = []
             for source in sources:
@@ -136,7 +146,11 @@ class PatchModel:
             )
 
         parallel_map(rasterise, range(len(world_from_cam)))
-        return z_buffer, winner if stride == 1 else numbers[winner]
+        if stride > 1:
+            # Numbers among the used patches become numbers in the cloud. NO_INDEX is -1 and stays,
+            # as the last entry.
+            winner = np.append(used, NO_INDEX).astype(np.int32)[winner]
+        return z_buffer, winner
 
 
 def depths(
