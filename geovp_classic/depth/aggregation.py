@@ -28,18 +28,25 @@ INFINITE = np.int16(2**14)  # larger than any path cost
 class SemiGlobalAggregation:
     """Costs of depth differences between neighbours, next to matching costs from 0 to 255."""
 
-    small_step_cost: int = 5  # of a difference of one plane
-    # Of a larger difference, where the image is uniform
+    # Of a difference of one plane. Set by hand, low: planes are a fraction of a pixel apart, and
+    # slanted surfaces like the road cross many.
+    small_step_cost: int = 5
+    # Of a larger difference, where the image is uniform. Set by hand, below the range of one cost:
+    # it takes the evidence of two pixels or so.
     large_step_cost: float = 100.0
     # Difference of the grey values 0..255 of two neighbours that halves the cost of a large step.
+    # Set by hand, about ten times the noise of a camera.
     edge_contrast: float = 20.0
+    # Planes on either side of the winner that are not its rivals: the costs of a surface fall to
+    # their minimum over some planes.
+    num_neighbours: int = 2
 
     def aggregate(
         self,
         costs: CostArray,  # [H, W, N]
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
-        """Return the path costs [H, W, N], summed over all eight directions."""
+        """Return the path costs [H, W, N], summed over all eight directions (eq. 14)."""
 
         def follow(is_upward: bool) -> SumArray:
             # The upward pass is the downward one on an image turned by 180 degrees.
@@ -52,6 +59,24 @@ class SemiGlobalAggregation:
         downward, upward = parallel_map(follow, (False, True))
         return np.add(downward, upward, out=downward)
 
+    def winners(
+        self,
+        sums: SumArray,  # [H, W, N]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the best plane [H, W], refined by a parabola, and its lead over rivals [H, W].
+
+        The lead is in costs of one direction.
+        """
+        levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
+
+        def judge(first: int) -> None:
+            rows = slice(first, first + ROWS_PER_TASK)
+            pixels = sums[rows].reshape(-1, sums.shape[-1])
+            _judge(pixels, self.num_neighbours, levels[rows].ravel(), lead[rows].ravel())
+
+        parallel_map(judge, range(0, len(sums), ROWS_PER_TASK))
+        return levels, lead / (2 * len(DIRECTIONS))
+
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
         grey = image.astype(np.float32)
@@ -61,25 +86,6 @@ class SemiGlobalAggregation:
             edge = np.abs(grey - neighbour) / self.edge_contrast
             costs.append(np.maximum(self.large_step_cost / (1 + edge), self.small_step_cost))
         return np.rint(costs).astype(np.int16)
-
-
-def winners(
-    sums: SumArray,  # [H, W, N]
-    num_neighbours: int = 2,  # on either side of the winner; they are not its rivals
-) -> tuple[FloatArray, FloatArray]:
-    """Return the best plane [H, W], refined by a parabola, and its lead over rivals [H, W].
-
-    The lead is in costs of one direction.
-    """
-    levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
-
-    def judge(first: int) -> None:
-        rows = slice(first, first + ROWS_PER_TASK)
-        pixels = sums[rows].reshape(-1, sums.shape[-1])
-        _judge(pixels, num_neighbours, levels[rows].ravel(), lead[rows].ravel())
-
-    parallel_map(judge, range(0, len(sums), ROWS_PER_TASK))
-    return levels, lead / 8
 
 
 @numba.njit(nogil=True, cache=True)
@@ -93,6 +99,7 @@ def _judge(
     worst = np.uint16(2**16 - 1)
     num_planes = sums.shape[1]
     for pixel in range(len(sums)):
+        # The first plane with the lowest sum wins.
         total = sums[pixel]
         lowest = worst
         for n in range(num_planes):
@@ -100,12 +107,14 @@ def _judge(
         best = 0
         while total[best] != lowest:
             best += 1
+        # Its lead is over the best plane that is not next to it.
         rival = worst
         for n in range(best - num_neighbours):
             rival = min(rival, total[n])
         for n in range(best + num_neighbours + 1, num_planes):
             rival = min(rival, total[n])
         lead[pixel] = rival - lowest
+        # The minimum of the parabola through the winner and its neighbours.
         levels[pixel] = best
         if 0 < best < num_planes - 1:
             before = np.float32(total[best - 1])
@@ -138,9 +147,11 @@ def _follow(
         last_row = down[(i + 1) % 2]
         this_row = down[i % 2]
         for j in range(width):
+            # The upward pass reads costs from the last pixel to the first.
             row = height - 1 - i if is_upward else i
             column = width - 1 - j if is_upward else j
             cost = costs[row, column]
+            # The path from the pixel before, and those from three pixels of the row before.
             previous = along_row[(j + 1) % 2] if j > 0 else start
             horizontal = along_row[j % 2]
             _extend(
@@ -162,6 +173,7 @@ def _follow(
                     large_step,
                     this_row[d, j],
                 )
+            # The sum of the four directions, without the margins.
             left = this_row[0, j]
             vertical = this_row[1, j]
             right = this_row[2, j]
@@ -186,7 +198,7 @@ def _extend(
     lowest = previous[len(cost) + 2]
     new_lowest = INFINITE
     jump = np.int16(lowest + large_step)
-    for n in range(len(cost)):
+    for n in range(len(cost)):  # plane n has index n + 1 in paths, which have a margin
         step = np.int16(min(previous[n], previous[n + 2]) + small_step)
         best = np.int16(min(min(previous[n + 1], jump), step) - lowest)
         value = np.int16(best + cost[n])

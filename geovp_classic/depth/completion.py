@@ -12,9 +12,10 @@ from geovp_classic.types import BoolArray, FloatArray
 def find_islands(
     levels: FloatArray,  # [H, W], depth counted in planes
     max_fraction: float,
-    max_step: float = 2.0,  # planes, between neighbours of the same surface
+    max_step: float,  # planes, between neighbours of the same surface
 ) -> BoolArray:
     """Mask islands [H, W] of depth that cover at most a fraction of the image."""
+    # OpenCV takes fixed-point disparities, as its stereo matchers return them.
     sixteenths = np.round(16 * levels).astype(np.int16)
     max_pixels = int(max_fraction * levels.size)
     marked, _ = cv2.filterSpeckles(sixteenths, -1, max_pixels, int(16 * max_step))

@@ -16,7 +16,7 @@ class Hybrid:
 
     Inverse depths are averaged with the confidence of the plane sweep as its weight: near the
     epipole, in the sky and on uniform surfaces, the other source decides. It is first corrected by
-    its mean difference from the plane sweep nearby. Settings were selected on `val` with PyDNet.
+    its mean difference from the plane sweep nearby. All settings were chosen on val, with PyDNet.
     """
 
     other: DepthSource
@@ -37,8 +37,10 @@ class Hybrid:
         """Return inverse depth and confidence [P, H, W]; raise the errors of both sources."""
         sweep, reliability = self.sweep.inverse_depths(context.only(self.sweep.needs), past)
         other, confidence = self.other.inverse_depths(context.only(self.other.needs), past)
+        # The other source follows the plane sweep nearby, but keeps its own detail.
         if self.correction_px > 0:
             other = np.maximum(other + self._correction(sweep - other, reliability), 0)
+        # The plane sweep decides where it is confident, and where the other source knows nothing.
         weight = np.clip(reliability / self.sufficient_confidence, 0, 1)
         weight = np.where(confidence > 0, weight, 1)
         blended = weight * sweep + (1 - weight) * other
@@ -54,4 +56,5 @@ class Hybrid:
         return corrections
 
     def _smooth(self, image: FloatArray) -> FloatArray:
+        """Return the Gaussian mean [H, W] around each pixel."""
         return cv2.GaussianBlur(image, (0, 0), self.correction_px)

@@ -60,10 +60,13 @@ class DepthAlignment:
     """Robust scale and shift of relative inverse depth."""
 
     reference: DepthSource = Multiview()
-    min_confidence: float = 0.5  # of pixels of the reference that are fitted
-    min_pixels: int = 200
-    # Noise of the reference is at least this fraction of its median inverse depth.
+    # Of pixels of the reference that are fitted: half of the scale from 0 to 1.
+    min_confidence: float = 0.5
+    min_pixels: int = 200  # a hundred per parameter
+    # Noise of the reference is at least this fraction of its median inverse depth: the median error
+    # of a sweep in tests.
     min_noise: float = 0.02
+    num_rounds: int = 20  # of the reweighted fit; it converges in fewer
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -107,6 +110,7 @@ class DepthAlignment:
         """
         if len(relative) < self.min_pixels or np.ptp(relative) == 0:
             return None
+        # Both sides are normalised, so that the fit is well conditioned in any unit.
         unit = float(np.median(reference)) or 1.0
         centre = float(relative.mean())
         spread = float(relative.std())
@@ -118,10 +122,11 @@ class DepthAlignment:
             return jacobian @ state - target, jacobian
 
         def noise(residual: FloatArray) -> float:
+            # A normal distribution's standard deviation is 1.4826 times its median deviation.
             return max(1.4826 * float(np.median(np.abs(residual))), self.min_noise)
 
         start = np.linalg.lstsq(jacobian, target, rcond=None)[0]
-        slope, level = irls(start, linearise, np.add, noise, num_rounds=20)
+        slope, level = irls(start, linearise, np.add, noise, num_rounds=self.num_rounds)
         if slope <= 0:
             return None
         scale = unit * slope / spread

@@ -29,8 +29,16 @@ class Stereo:
 
     # Steps to estimate, counted from the end when negative
     frames: tuple[int, ...] = (-1,)
-    nearest_m: float = 4.0  # nearer surfaces are not searched for
+    # Nearer surfaces are not searched for. KITTI's lowest row shows the road at 5.8 m.
+    nearest_m: float = 4.0
     block_px: int = 5
+    max_difference_px: int = 1  # of the disparities from left and right: rounding
+    # By which the best match must win; OpenCV suggests 5 to 15.
+    uniqueness_percent: int = 5
+    max_speckle_px: int = 60  # area; OpenCV suggests 50 to 200
+    max_speckle_step_px: int = 2  # OpenCV suggests 1 or 2
+    # In radians, and relative to the baseline. Set by hand: rounded calibrations pass.
+    max_rectification_error: float = 0.01
 
     needs = PrivilegedInput.RIGHT_FRAMES
 
@@ -63,7 +71,7 @@ class Stereo:
                 f"-{num_past} to -1"
             )
         camera = context.intrinsics
-        baseline_m = _baseline_m(context.right)
+        baseline_m = self._baseline_m(context.right)
         num_disparities = 16 * int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16))
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
@@ -86,14 +94,32 @@ class Stereo:
             blockSize=self.block_px,
             P1=8 * block_size,
             P2=32 * block_size,
-            disp12MaxDiff=1,
-            uniquenessRatio=5,
-            speckleWindowSize=60,
-            speckleRange=2,
+            disp12MaxDiff=self.max_difference_px,
+            uniquenessRatio=self.uniqueness_percent,
+            speckleWindowSize=self.max_speckle_px,
+            speckleRange=self.max_speckle_step_px,
             mode=cv2.STEREO_SGBM_MODE_HH,
         )
         sixteenths = matcher.compute(pinhole.grey8(left), pinhole.grey8(right))
         return sixteenths[:, num_disparities:].astype(np.float32) / 16
+
+    def _baseline_m(self, right: ExtraView) -> float:
+        """Return the distance of the two cameras.
+
+        Incompatible unless the right one is only shifted along x.
+        """
+        rotation = right.view_from_cam[:3, :3]
+        shift = right.view_from_cam[:3, 3]
+        baseline_m = float(-shift[0])
+        tolerance = self.max_rectification_error
+        is_turned = np.abs(rotation - np.eye(3)).max() > tolerance
+        is_shifted_aside = np.abs(shift[1:]).max() > tolerance * abs(baseline_m)
+        if baseline_m <= 0 or is_turned or is_shifted_aside:
+            raise Incompatible(
+                "stereo needs rectified images with the second camera to the right: rectify them "
+                "first"
+            )
+        return baseline_m
 
 
 def right_at_scale(
@@ -121,21 +147,3 @@ def right_at_scale(
     border = cv2.BORDER_REPLICATE
     moved = cv2.warpAffine(small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border)
     return np.asarray(moved, np.uint8)
-
-
-def _baseline_m(right: ExtraView, tolerance: float = 0.01) -> float:
-    """Return the distance of the two cameras.
-
-    Incompatible unless the right one is only shifted along x, within `tolerance` in radians and
-    relative to the distance.
-    """
-    rotation = right.view_from_cam[:3, :3]
-    shift = right.view_from_cam[:3, 3]
-    baseline_m = float(-shift[0])
-    is_turned = np.abs(rotation - np.eye(3)).max() > tolerance
-    is_shifted_aside = np.abs(shift[1:]).max() > tolerance * abs(baseline_m)
-    if baseline_m <= 0 or is_turned or is_shifted_aside:
-        raise Incompatible(
-            "stereo needs rectified images with the second camera to the right: rectify them first"
-        )
-    return baseline_m

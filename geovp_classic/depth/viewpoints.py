@@ -14,8 +14,10 @@ class SourceSelection:
     unambiguous (Okutomi & Kanade 1993).
     """
 
-    num_sources: int = 4  # at the longest usable distance, a half, a quarter and an eighth of it
-    # Of the image that a source sees, at infinity
+    # At the longest usable distance, a half, a quarter and an eighth of it: with ten frames, the
+    # eighth is the neighbour.
+    num_sources: int = 4
+    # Of the image that a source sees, at infinity. Set by hand.
     min_overlap_fraction: float = 0.4
 
     def choose(
@@ -31,6 +33,7 @@ class SourceSelection:
         is_usable = (overlaps >= self.min_overlap_fraction) & (baselines > 0)
         is_usable[reference] = False
         candidates = np.flatnonzero(is_usable).tolist()
+        # For each halved distance, the frame whose baseline is nearest to it in logarithm.
         sources: list[int] = []
         max_baseline = baselines[is_usable].max(initial=0)
         for halvings in range(min(self.num_sources, len(candidates))):
@@ -48,11 +51,17 @@ class PlaneSpacing:
     """
 
     # The nearest plane shifts the image of the nearest source by this part of its shorter side.
+    # Set by hand.
     max_shift_fraction: float = 0.125
     # Less parallax is noise, of the images or of the poses: the camera counts as stationary.
     min_parallax_px: float = 1.0
-    # Quantile of the pixels' parallax that is typical.
+    # Quantile of the pixels' parallax that is typical. Set by hand: with forward motion, many
+    # pixels of the square are too near to the epipole.
     typical_quantile: float = 0.75
+    # Inverse depths times the longest baseline that are tried, and their number: from a parallax
+    # that no image shows to the camera itself, at steps of 12 %.
+    fine_range: tuple[float, float] = (1e-3, 1e3)
+    num_fine: int = 120
 
     def spaced(
         self,
@@ -63,14 +72,17 @@ class PlaneSpacing:
         """Return increasing inverse depths [N], the first one 0, and their step of parallax in
         pixels of the source that sees most of it.
         """
+        # Fine inverse depths, to where the nearest source sees the largest shift.
         baselines = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
         nearest = source_from_reference[[int(np.argmin(baselines))]]
-        fine = np.geomspace(1e-3, 1e3, 120) / baselines.max()
+        fine = np.geomspace(*self.fine_range, self.num_fine) / baselines.max()
         max_shift_px = self.max_shift_fraction * min(camera.width_px, camera.height_px)
         is_shifted = self._parallax_px(nearest, camera, fine)[0] >= max_shift_px
         if is_shifted.any():
             fine = fine[: np.argmax(is_shifted) + 1]
         fine = np.concatenate([[0.0], fine])
+        # A step counts as the source sees it that sees most of it. Planes are even in the sum of
+        # these steps.
         steps_px = np.diff(self._parallax_px(source_from_reference, camera, fine), axis=1)
         steps_px = np.maximum(steps_px.max(axis=0), 1e-9)
         parallax_px = np.concatenate([[0.0], np.cumsum(steps_px)])

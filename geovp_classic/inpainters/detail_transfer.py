@@ -23,7 +23,9 @@ class DetailTransfer:
     """
 
     colours: Inpainter = NearestBackground()
-    coarse_fraction: float = 1 / 32  # of the image's width; detail is finer
+    # Of the image's width; detail is finer. Set by hand, 8 px of 256.
+    coarse_fraction: float = 1 / 32
+    # Chosen on train and val, by PSNR and LPIPS.
     strength: float = 0.25
 
     def __post_init__(self) -> None:

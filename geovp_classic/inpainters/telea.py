@@ -14,7 +14,7 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 class Telea:
     """Fast marching inpainting (Telea 2004)."""
 
-    radius_px: float = 3.0  # of the neighbourhood that is averaged
+    radius_px: float = 3.0  # of the neighbourhood that is averaged, as in OpenCV's example
 
     def __post_init__(self) -> None:
         if not self.radius_px > 0:

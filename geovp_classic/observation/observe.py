@@ -64,9 +64,10 @@ class Observer:
     # Image file, nonzero where no scene is shown, in addition to what is detected. It is of the
     # uncropped frames if the clip has them, else of the frames, in any size.
     mask: Path | None = None
-    # Of the height and the width that the mask must leave free.
+    # Of the height and the width that the mask must leave free. Set by hand.
     min_scene_fraction: float = 0.25
-    # Resolution of uncropped frames over that of the crop.
+    # Resolution of uncropped frames over that of the crop: KITTI's has 1.44 times the pixels of a
+    # crop of 256. On 03 [0, 180), 1.5 instead of 1 brings .33 dB and -.009 LPIPS.
     max_full_scale: float = 1.5
 
     def observe(self, context: Context) -> Observed:
@@ -75,6 +76,7 @@ class Observer:
         Observations of the crop depend on the crop alone, so that no component sees more than its
         own privileged inputs. Raise BadData for an unsuitable mask of the user.
         """
+        # What shows no scene: detected in each stream, and drawn by the user.
         full = context.full
         greys = _greys(context.frames)
         mask, is_usable = self.scene(greys)
@@ -87,6 +89,7 @@ class Observer:
             mask |= _warped(drawn, whole, context.intrinsics)
             full_mask = None if full_mask is None else full_mask | drawn
 
+        # The crop, its camera and everything per pixel, reduced to the scene.
         window = self._window(mask)
         reduced = _windowed(context, window)
         for field in ("past_depths", "future_frames"):
@@ -96,6 +99,7 @@ class Observer:
         camera = reduced.intrinsics
         observations = Observations(reduced.frames, greys[:, *window], is_usable, camera)
         reduced = replace(reduced, observations=observations)
+        # The same of the uncropped frames, at the resolution that pays.
         if full is not None and full_mask is not None:
             full_window = self._window(full_mask)
             full = _windowed(full, full_window)

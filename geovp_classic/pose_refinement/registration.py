@@ -34,16 +34,25 @@ from geovp_classic.types import (
 class ReferenceTracker:
     """Corners of the middle of a reference image, tracked from frame to frame until lost."""
 
-    # in a square image; proportionally more in wider ones
+    # In a square image; proportionally more in wider ones. Set by hand: 65 for each of the six
+    # parameters of a pose.
     max_corners: int = 400
     # Width over height of the middle. Corners farther out make the fit within the square worse.
+    # Chosen on val: 1.6 instead of 1.25 brings .03 dB and -.0015 LPIPS.
     max_aspect: float = 1.6
-    quality: float = 0.01  # of the best corner, for cv2.goodFeaturesToTrack
-    # least distance of corners, over the image's height
+    quality: float = 0.01  # of the best corner, as in OpenCV's examples
+    # Least distance of corners, over the image's height: 400 of them fill a square of 40 x 40 cells
+    # to a quarter.
     spacing_fraction: float = 0.025
-    window_px: int = 15  # in images of up to `tall_px` rows; proportionally more in taller ones
-    tall_px: int = 256
-    max_return_px: float = 0.5  # forward-backward error of a track
+    # In images of up to `tall_px` rows; proportionally more in taller ones. Set by hand, between
+    # OpenCV's default of 21 and the size of a corner.
+    window_px: int = 15
+    tall_px: int = 256  # height of the crops for which settings were chosen
+    max_return_px: float = 0.5  # forward-backward error: tracks are to be exact to a fraction of it
+    # Levels of the pyramid above the image, forward and back: four halvings find 7 px as 112 px.
+    num_levels: tuple[int, int] = (4, 1)
+    # With the motion of the frame before as the prediction, half of that.
+    num_predicted_levels: tuple[int, int] = (2, 1)
 
     def track(
         self,
@@ -51,6 +60,7 @@ class ReferenceTracker:
         reference: int,
     ) -> tuple[FloatArray, BoolArray]:
         """Return pixels [P, N, 2] of corners in all images, and where they are visible [P, N]."""
+        # Corners of the reference, in both directions of time.
         start = self._corners(images[reference])
         pixels = np.tile(start, (len(images), 1, 1))
         is_visible = np.zeros(pixels.shape[:2], dtype=bool)
@@ -62,21 +72,25 @@ class ReferenceTracker:
         for steps in (backward, forward):
             before = reference
             motion = np.zeros_like(start)
-            num_levels = (4, 1)
+            num_levels = self.num_levels
             for step in steps:
-                tracked = is_visible[before]
+                # Corners that are lost once stay lost: another one may be found in their place.
+                is_followed = is_visible[before]
                 pixels[step] = pixels[before]
-                if tracked.any():
-                    pixels[step, tracked], is_visible[step, tracked], _ = track_points(
+                if is_followed.any():
+                    places = pixels[before, is_followed]
+                    tracked, is_tracked, _ = track_points(
                         (images[before], images[step]),
-                        pixels[before, tracked],
-                        pixels[before, tracked] + motion[tracked],
+                        places,
+                        places + motion[is_followed],
                         window_px,
                         num_levels,
                         max_return_px=self.max_return_px,
                     )
+                    pixels[step, is_followed] = tracked
+                    is_visible[step, is_followed] = is_tracked
                 motion = pixels[step] - pixels[before]
-                num_levels = (2, 1)  # the last motion is a good prediction
+                num_levels = self.num_predicted_levels  # the last motion is a good prediction
                 before = step
         return pixels.astype(np.float64), is_visible
 
@@ -101,8 +115,11 @@ class ImageRegistration:
 
     tracker: ReferenceTracker = ReferenceTracker()
     adjustment: AnchoredAdjustment = AnchoredAdjustment()
-    min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
-    # Largest depth of a corner, over the largest distance from the reference.
+    # Visible in at least one other frame; with fewer the given poses stay. Five for each of the six
+    # parameters of a pose.
+    min_corners: int = 30
+    # Largest depth of a corner, over the largest distance from the reference: a tenth of a pixel of
+    # parallax at a focal length of 1000 px.
     max_depth: float = 1e4
 
     def register(
@@ -116,18 +133,21 @@ class ImageRegistration:
 
         All poses stay without motion or enough corners.
         """
+        # The adjustment expects the reference first; without motion there is no depth.
         others = np.delete(np.arange(len(images)), reference)
         order = np.array([reference, *others])
         world_from_reference = world_from_cam[reference]
         given = se3.inverse(world_from_cam[order]) @ world_from_reference
         if not given[1:, :3, 3].any():
             return world_from_cam
+        # Tracks of corners; those that no other frame shows say nothing.
         pixels, is_visible = self.tracker.track(images, reference)
         is_used = is_visible[others].any(axis=0)
         if is_used.sum() < self.min_corners:
             return world_from_cam
         pixels = np.where(is_visible[..., None], pixels, np.nan)
         observed = pixels[order][:, is_used]
+        # Points by triangulation with the given poses, then both together.
         points = self._points(observed, given, camera)
         adjusted = self.adjustment.adjust(given, points, observed, camera)
         registered = world_from_cam.copy()
@@ -147,6 +167,8 @@ class ImageRegistration:
         rays = pinhole.unproject(pixels[0], 1.0, camera)
         matrix = camera.matrix
         rotations = np.swapaxes(matrix @ cam_from_first[1:, :3, :3], -1, -2)
+        # Each pixel (u, v) of another frame gives two equations, linear in q. They are solved by
+        # least squares over all frames that show the corner.
         a = rays @ rotations  # [K - 1, N, 3]
         b = (cam_from_first[1:, :3, 3] @ matrix.T)[:, None]  # [K - 1, 1, 3]
         factor = pixels[1:] * b[..., 2:] - b[..., :2]
@@ -154,6 +176,7 @@ class ImageRegistration:
         numerator = np.nansum(factor * target, axis=(0, 2))
         denominator = np.nansum(factor**2, axis=(0, 2))
         distance = np.linalg.norm(cam_from_first[:, :3, 3], axis=1).max()
+        # The sky, and corners whose motion contradicts their depth, are far away.
         min_inverse_depth = 1 / (self.max_depth * distance)
         inverse_depths = numerator / np.maximum(denominator, 1e-12)
         return rays / np.maximum(inverse_depths, min_inverse_depth)[:, None]
@@ -169,10 +192,12 @@ class Registration:
     """
 
     frames: ImageStream = "crop"
-    num_frames: int = 10
+    num_frames: int = 10  # one second at KITTI's 10 Hz, as many as depth fusion uses
     registration: ImageRegistration = ImageRegistration()
-    # Part of the past error of the direction of motion that is expected in the future.
+    # Part of the past error of the direction of motion that is expected in the future. By hand.
     persistence: float = 0.8
+    # Of the longest distance; shorter ones have no reliable direction. Set by hand.
+    min_fraction: float = 0.2
 
     def __post_init__(self) -> None:
         if self.num_frames < 2:
@@ -194,16 +219,19 @@ class Registration:
             given[steps],
             reference=len(steps) - 1,
         )
+        # Earlier poses keep their place relative to the first adjusted one.
         first = steps[0]
         past = given.copy()
         past[:first] = adjusted[0] @ se3.inverse(given[first]) @ given[:first]
         past[steps] = adjusted
+        # The future turns about the last usable pose, as the past directions turned.
         world_from_last = given[steps[-1]]
         last_from_world = se3.inverse(world_from_last)
         correction = direction_correction(
             last_from_world @ given[steps[:-1]],
             last_from_world @ adjusted[:-1],
             self.persistence,
+            self.min_fraction,
         )
         last_from_cam = last_from_world @ motion.futures
         last_from_cam[..., :3, 3] @= correction.T
@@ -218,8 +246,7 @@ def direction_correction(
     given: FloatArray,  # [S, 4, 4], reference from source
     adjusted: FloatArray,  # [S, 4, 4]
     persistence: float,
-    # of the longest distance; shorter ones have no reliable direction
-    min_fraction: float = 0.2,
+    min_fraction: float,  # of the longest distance, of reliable directions
 ) -> FloatArray:
     """Return `persistence` times the rotation [3, 3] from given to adjusted directions of motion.
 
@@ -233,6 +260,7 @@ def direction_correction(
     is_reliable &= after.any(axis=1)
     if not is_reliable.any():
         return np.eye(3)
+    # The cross product of two directions is the axis times the sine of the angle between them.
     lengths = distance * np.linalg.norm(after, axis=1)
     turns = np.cross(before[is_reliable], after[is_reliable]) / lengths[is_reliable, None]
     twist = np.concatenate([np.zeros(3), persistence * turns.mean(axis=0)])

@@ -32,9 +32,10 @@ class DepthFusion:
     inpainter: Inpainter = DetailTransfer()
     # full: the uncropped ones, with all their detail
     frames: Literal["crop", "full"] = "crop"
-    num_frames: int = 10  # the last observed frames are used
-    crack_px: int = 3  # gaps up to twice this width between surfaces are closed, not inpainted
-    # relative, of inverse depths of one surface in two frames
+    num_frames: int = 10  # the last usable ones: one second at KITTI's 10 Hz
+    # Gaps up to twice this width between surfaces are closed, not inpainted. Chosen on train, val.
+    crack_px: int = 3
+    # Relative, of inverse depths of one surface in two frames. Set by hand.
     max_depth_difference: float = 0.1
     patch_model: PatchModel = PatchModel()
     # None: magnified surfaces stay blurred.
@@ -65,11 +66,13 @@ class DepthFusion:
         recent, past = recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
         last_s = float(past.times_s[-1])
 
-        depths, confidence = self.depth.inverse_depths(recent, past)
+        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        greys = observations_of(recent, "crop").greys
         exposure = self.exposure_estimator.estimate(
-            observations_of(recent, "crop").greys, recent.intrinsics, past, depths[-1]
+            greys, recent.intrinsics, past, inverse_depths[-1]
         )
 
+        # One cloud of all frames, each with its own image.
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
         # Uncropped frames are rendered at their own resolution.
@@ -80,11 +83,12 @@ class DepthFusion:
         ]
         cloud, used = fusion.fuse(
             sources,
-            depths,
+            inverse_depths,
             is_known,
             self.max_depth_difference,
             self.patch_model,
         )
+        # All images as bright as the last one.
         matched = [exposure.match(sources[step], step) for step in used]
 
         scene: Scene = fusion.CloudScene(

@@ -41,7 +41,8 @@ class GroundFarPlane:
     # than one second of noisy heights.
     pitch_deg: float | None = None
     roll_deg: float = 0.0  # clockwise
-    # a shorter path has no direction of travel: the pitch is 0
+    # A shorter path has no direction of travel: the pitch is 0. Set by hand: heights are a tenth as
+    # exact.
     min_path_m: float = 0.1
 
     needs = PrivilegedInput.CAMERA_HEIGHT

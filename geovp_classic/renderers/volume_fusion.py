@@ -29,10 +29,12 @@ class VolumeFusion:
     depth: DepthSource = Multiview()
     inpainter: Inpainter = DetailTransfer()
     volume: VolumeSettings = VolumeSettings()
-    num_frames: int = 10  # the last observed frames are used
-    # Relative; the last frame shows a surface up to this difference of inverse depths.
+    num_frames: int = 10  # the last usable ones: one second at KITTI's 10 Hz
+    # Relative; the last frame shows a surface up to this difference of inverse depths. Set by hand,
+    # three times that of depth fusion: voxels move surfaces.
     max_depth_difference: float = 0.3
-    gap_px: int = 16  # up to which gaps in a column are closed
+    # Up to which gaps in a column are closed. Set by hand: six voxels at the median depth.
+    gap_px: int = 16
 
     def __post_init__(self) -> None:
         if self.num_frames < 1:

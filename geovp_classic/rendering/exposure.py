@@ -35,10 +35,12 @@ from geovp_classic.types import (
 class ToneCurve:
     """Response of grey values to a change of exposure; partly saturated pixels darken less."""
 
+    # 16-235 is the range of video (ITU-R BT.601); above it cameras compress highlights.
     min_saturated_grey: float = 235.0
-    # Fraction of a darkening, in log steps, that saturated pixels show.
+    # Fraction of a darkening, in log steps, that saturated pixels show: those of KITTI 00, 03 and
+    # raw0095 that darken by 35 % elsewhere lose 9 %, which is .2; set by hand above it.
     saturated_gain_fraction: float = 0.3
-    # Saturation is blurred, so that texture in white areas is not amplified.
+    # Saturation is blurred, so that texture in white areas is not amplified. Set by hand.
     saturation_blur_px: float = 1.5
 
     def values(self, log_gain: float) -> FloatArray:
@@ -97,19 +99,22 @@ class Exposure:
 class ExposureEstimator:
     """Estimation of the exposure from surfaces that the last and earlier frames show."""
 
-    width_px: int = 128  # of the images that are compared
+    # Of the images that are compared. Medians over their 10^4 pixels are exact enough.
+    width_px: int = 128
     blur_px: float = 1.5  # of them; no depth is exact enough for finer detail
-    min_grey: float = 20.0  # darker pixels are not compared,
-    # Nor those below this fraction of a dim image's mean
+    # Darker pixels are not compared: rounding to 8 bits is 1/40 of the smallest.
+    min_grey: float = 20.0
+    # Nor those below this fraction of a dim image's mean. Set by hand.
     min_mean_fraction: float = 0.3
-    max_grey: float = 235.0  # nor partly saturated ones
-    # Of the image; with fewer pixels the gain is 1
+    max_grey: float = 235.0  # nor partly saturated ones, as in `ToneCurve`
+    # Of the image; with fewer pixels, some 300, the gain is 1.
     min_valid_fraction: float = 0.02
-    num_trend_steps: int = 2  # from which the rate is estimated
-    max_rate_hz: float = 1.5  # log gain per second of a control
-    # A faster change is a jump, which no control makes
+    num_trend_steps: int = 2  # from which the rate is estimated: as few as suppress noise
+    max_rate_hz: float = 1.5  # log gain per second of a control: half of a jump's
+    # A faster change is a jump, which no control makes: for such a rate, a pull of 3.3 Hz takes a
+    # mean that is 2.5 times off.
     min_jump_hz: float = 3.0
-    # RMS log gain between frames at confidence one half
+    # RMS log gain between frames at confidence one half: a grey value at a mean of 128.
     steady_log_gain: float = 0.008
     tone_curve: ToneCurve = ToneCurve()
 
@@ -123,24 +128,29 @@ class ExposureEstimator:
         """Return the exposure; it is constant for a single frame."""
         seconds = past.times_s - past.times_s[-1]
         gains = self._log_gains(greys, camera, past.world_from_cam, inverse_depth)
-        steps = np.diff(gains, append=0.0)
+
+        # Jumps are separated from what the control did. A frame before a jump has its gain in all.
+        changes = np.diff(gains, append=0.0)
         durations = np.diff(seconds, append=0.0)
-        is_jump = np.abs(steps) > self.min_jump_hz * durations
-        jumps = np.where(is_jump, steps, 0.0)
+        is_jump = np.abs(changes) > self.min_jump_hz * durations
+        jumps = np.where(is_jump, changes, 0.0)
         later_jumps = np.cumsum(jumps[::-1])
         jumped = -later_jumps[::-1]  # log gain of all jumps since each frame
+
+        # The control holds the mean; observed means are as bright as after the last jump.
         levels = [_log(float(grey.mean())) for grey in greys] + jumped
         level = float(levels.mean())
         if len(greys) == 1:
             return Exposure(seconds, gains, 0.0, level, 0.0, self.tone_curve)
 
-        # A line through the last frame, by least squares.
+        # The present rate: a line through the last frame, by least squares.
         controlled = gains - jumped
         trend = slice(-1 - self.num_trend_steps, -1)
         t = seconds[trend]
         slope = -float((t * controlled[trend]).sum() / (t**2).sum())
         rate = float(np.clip(slope, -self.max_rate_hz, self.max_rate_hz))
 
+        # A camera whose gain hardly varies has a fixed exposure.
         variance = float((np.diff(controlled) ** 2).mean())
         confidence = variance / (variance + self.steady_log_gain**2)
         return Exposure(seconds, gains, rate, level, confidence, self.tone_curve)
@@ -153,28 +163,30 @@ class ExposureEstimator:
         inverse_depth: FloatArray,
     ) -> FloatArray:
         """Return log gains [P] to the last frame, as medians over comparable pixels."""
+        # Small, blurred images: gains are the same over large areas, and depth is inexact.
         small = _shrunk(camera, self.width_px / camera.width_px)
         size_px = (small.width_px, small.height_px)
-        nearest = cv2.INTER_NEAREST
-        depth = np.asarray(
-            cv2.resize(inverse_depth, size_px, interpolation=nearest),
+        small_inverse_depth = np.asarray(
+            cv2.resize(inverse_depth, size_px, interpolation=cv2.INTER_NEAREST),
             np.float32,
         )
         images = [self._small(grey, size_px) for grey in greys]
         is_valid = self._is_comparable(images[-1], images[-1])
 
         def log_gain(step: int) -> float:
+            # The surfaces of the last frame, as the earlier one shows them.
             cam_from_last = se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
-            pixels, ratio = Epipolar.of(small, cam_from_last).project(depth)
+            pixels, depth_ratio = Epipolar.of(small, cam_from_last).project(small_inverse_depth)
             u, v = cv2.split(pixels)
             warped: FloatArray = np.asarray(
                 cv2.remap(images[step], u, v, cv2.INTER_LINEAR), np.float32
             )  # 0 outside
-            is_used = is_valid & (ratio > 0) & self._is_comparable(warped, images[step])
+            is_used = is_valid & (depth_ratio > 0) & self._is_comparable(warped, images[step])
+            # The median is robust to moving objects and to wrong depth.
             if is_used.mean() < self.min_valid_fraction:
                 return 0.0
-            ratio = images[-1][is_used] / warped[is_used]
-            return float(np.median(np.log(ratio)))
+            brightness_ratio = images[-1][is_used] / warped[is_used]
+            return float(np.median(np.log(brightness_ratio)))
 
         gains = parallel_map(log_gain, range(len(greys) - 1))
         return np.array([*gains, 0.0])
@@ -196,11 +208,12 @@ class ExposureEstimator:
 class ExposureControl:
     """A second-order control loop with inertia that draws the mean of the image to a level."""
 
+    # Chosen on KITTI 00 [0, 569) and raw0095, checked on val (03 [0, 180) and 00 [600, 725)):
     inertia_s: float = 0.11  # time constant of the rate of the log exposure
     pull_hz: float = 3.3  # target rate per log step of the mean from its level
     step_s: float = 0.1  # of the simulation, as between two frames
-    max_log_gain: float = math.log(2)
-    # Height of the whole images whose future mean is rendered
+    max_log_gain: float = math.log(2)  # one stop, either way
+    # Height of the whole images whose future mean is rendered: 10^4 pixels suffice for a mean.
     meter_px: int = 64
 
     def __post_init__(self) -> None:
@@ -224,6 +237,8 @@ class ExposureControl:
         """
         if since_s <= 0:
             return float(-np.interp(since_s, observed.seconds, observed.log_gains))
+        # Each step, the rate relaxes to its target with the inertia's time constant: the target
+        # pulls the mean back to its level, no faster than the simulation can follow.
         num_steps = max(1, round(since_s / self.step_s))
         dt_s = since_s / num_steps
         decay = math.exp(-dt_s / self.inertia_s)
@@ -235,6 +250,7 @@ class ExposureControl:
             rate_hz = decay * rate_hz - (1 - decay) * pull_hz * error
             gain = gain + rate_hz * dt_s
             gain = min(max(gain, -self.max_log_gain), self.max_log_gain)
+            # What the camera meters then, at its exposure then.
             mixed = last + fraction * (histogram - last)
             error = _log(float(mixed @ observed.tone_curve.values(gain))) - log_level
         return gain
@@ -258,6 +274,7 @@ class ExposedScene:
         intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F]."""
+        # The control holds the mean of the whole image, if that is known, else that of the view.
         views = self.scene.view(world_from_cam, times_s, intrinsics)
         since_s = times_s - self.last_s
         metered, last = views.frames, self.last.frame

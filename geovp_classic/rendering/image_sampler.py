@@ -38,6 +38,7 @@ class ImageSampler:
         layers = []  # colours from each source, 0 where it is not shown
         magnification = np.full(source_index.shape, np.inf, np.float32)
         for index, (fine, coarse) in enumerate(zip(self.fine, self.coarse, strict=True)):
+            # Where the source shows the view's surface, and how much larger the view does.
             pixels, ratio = fine.project(inverse_depth, world_from_cam, self.camera)
             is_shown = (source_index == index) & fine.is_visible(pixels, ratio)
             magnified = ratio * (self.camera.fx_px / (fine.camera.fx_px * fine.resolution))
@@ -57,6 +58,7 @@ def _blend(
     """Blend colours [H, W, C] float32 of both images, linearly in the magnification."""
     if fine is coarse:
         return fine.sample(pixels, is_shown)
+    # Trilinear mipmapping between two levels, of which only those are sampled that count.
     coarsest = coarse.resolution / fine.resolution
     fraction = np.clip((magnified - coarsest) / (1 - coarsest), 0, 1)
     far = coarse.sample(pixels, is_shown & (fraction < 1))

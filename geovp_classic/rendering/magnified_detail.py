@@ -25,7 +25,7 @@ from geovp_classic.types import ByteArray, FloatArray
 class MagnifiedDetail:
     """Detail of the last observed frame, added to the brightness of magnified surfaces.
 
-    All numbers were chosen by LPIPS and SSIM on `val`.
+    All settings were chosen on val, by LPIPS and SSIM.
     """
 
     strength: float = 1.0
@@ -46,17 +46,20 @@ class MagnifiedDetail:
         observed: ByteArray,  # [H, W, 3]
     ) -> ByteArray:
         """Return the frames with the bands that magnification removed."""
+        # The bands of the last frame, and how much contrast they have there.
         image = pinhole.grey(observed)
         bands = self._bands(image)
         contrast = self._contrast(image)
 
         def add(step: int) -> ByteArray:
+            # Each band counts as much as magnification removed of it.
             missing = np.zeros_like(image)
             for band, low, high in zip(
                 bands, self.band_edges[:-1], self.band_edges[1:], strict=True
             ):
                 loss = (magnification[step] - low) / np.float32(high - low)
                 missing += np.clip(loss, 0, 1) * band
+            # Detail as strong as the view's own, and never amplified.
             own_contrast = self._contrast(pinhole.grey(frames[step]))
             gain = self.strength * np.minimum(own_contrast / contrast, 1)
             added = cv2.merge([gain * missing] * 3)

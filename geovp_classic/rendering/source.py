@@ -62,12 +62,14 @@ class Source:
 
         C is 1 for a grey image, else 3.
         """
+        # Pixels of the camera to those of the enlarged image with its margins; centres are integers.
         height, width = self._enlarged.shape[:2]
         scale_u = (width - FRAME_PX) / self.camera.width_px
         scale_v = (height - FRAME_PX) / self.camera.height_px
         u, v = cv2.split(pixels)
         u = u * scale_u + (scale_u + FRAME_PX - 1) / 2
         v = v * scale_v + (scale_v + FRAME_PX - 1) / 2
+        # Pixels that are not sampled are sought outside of the image, which costs no time.
         colours = cv2.remap(
             self._enlarged,
             np.where(is_sampled, u, np.float32(-1e4)),

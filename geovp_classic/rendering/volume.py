@@ -41,7 +41,7 @@ class Volume:
         self,
         world_from_cam: FloatArray,  # [4, 4]
         camera: Intrinsics,
-        cell_px: int = 8,  # of the map of depth ranges along which rays are cast
+        cell_px: int | None = None,  # of the map of depth ranges; None: as in the settings
     ) -> tuple[FloatArray, FloatArray]:
         """Cast rays and return colours [H, W, 3] in [0, 1] and inverse depth [H, W].
 
@@ -52,8 +52,6 @@ class Volume:
         active = hash_map.active_buf_indices().to(o3d.core.int64)
         blocks = hash_map.key_tensor()[active]
         cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
-        # A camera that backs up is farther from the volume.
-        max_depth = 2 * settings.reach
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             maps = self.grid.ray_cast(
                 blocks,
@@ -64,10 +62,10 @@ class Volume:
                 ["depth", "color"],
                 1.0,
                 settings.min_depth,
-                max_depth,
+                settings.max_depth_reaches * settings.reach,
                 settings.min_weight,
                 settings.truncation_voxels,
-                cell_px,
+                cell_px or settings.cell_px,
             )
         depth = maps["depth"].numpy()[..., 0]
         is_hit = depth > 0
@@ -79,15 +77,19 @@ class Volume:
 class VolumeSettings:
     """Resolution and extent of a volume; lengths are in median depths of the last frame."""
 
-    voxel_px: float = 2.5  # edge of a voxel, as seen at the median depth
-    reach: float = 5.0  # surfaces farther away lie on a far plane
-    min_depth: float = 0.01  # of a surface that is cast
+    voxel_px: float = 2.5  # edge of a voxel, as seen at the median depth; set by hand
+    # Surfaces farther away lie on a far plane. Voxels are half a pixel wide there.
+    reach: float = 5.0
+    min_depth: float = 0.01  # of a surface that is cast: the camera's own place
+    # A camera that backs up is farther from the volume, by up to its reach.
+    max_depth_reaches: float = 2.0
     # On a ray that grazes the road, the distance to it changes by so many voxels from one to the
     # next.
     truncation_voxels: float = 16.0
     min_weight: float = 0.5  # one frame that shows a surface is enough
-    block_voxels: int = 8  # along each side of a block
+    block_voxels: int = 8  # along each side of a block; Open3D's default is 16
     num_blocks: int = 8192  # at first; the volume grows
+    cell_px: int = 8  # of the map of depth ranges along which rays are cast; Open3D's default
 
     def __post_init__(self) -> None:
         if not 0 < self.reach < 2 * self.voxel_px + 1:
@@ -106,6 +108,7 @@ class VolumeSettings:
     ) -> Volume:
         """Return the volume of all known pixels within reach."""
         core = o3d.core
+        # The unit is the median depth of the last frame.
         last = inverse_depths[-1]
         is_near = is_known[-1] & (last > 0)
         unit = 1 / float(np.median(last[is_near])) if is_near.any() else 1.0
@@ -121,6 +124,7 @@ class VolumeSettings:
         matrix = core.Tensor.from_numpy(camera.matrix)
         cam_from_last = se3.inverse(world_from_cam) @ world_from_cam[-1]
         for step, frame in enumerate(frames):
+            # Surfaces beyond the reach have depth 0, which Open3D ignores.
             is_used = is_known[step] & (inverse_depths[step] * unit > 1 / self.reach)
             if not is_used.any():
                 continue
@@ -145,7 +149,7 @@ class VolumeScene:
 
     volume: Volume
     last: Source
-    last_depth: FloatArray  # [H, W] float32, inverse, of the last frame
+    last_inverse_depth: FloatArray  # [H, W] float32, inverse, of the last frame
     max_depth_difference: float  # relative, of the volume and the last frame
     gap_px: int
     inpainter: Inpainter
@@ -168,15 +172,18 @@ class VolumeScene:
         inverse_depth = close_gaps(inverse_depth, self.gap_px)
         is_solid = np.isfinite(inverse_depth)
         # Pixels without a surface may lie on the far plane.
-        plane_depth = np.where(is_solid, inverse_depth, 0)
-        last_colours, is_shown, is_beyond = self._from_last(plane_depth, world_from_cam, camera)
+        shown_inverse_depth = np.where(is_solid, inverse_depth, 0)
+        last_colours, is_shown, is_beyond = self._from_last(
+            shown_inverse_depth, world_from_cam, camera
+        )
+        # The last frame has the sharpest colours; voxels show what it does not.
         is_last = is_shown & (is_solid | is_beyond)
         is_voxel = is_solid & (colours > 0).any(axis=-1)
         covered = is_last | is_voxel
         frame = to_bytes(255 * colours)
         frame[is_last] = last_colours[is_last]
         frame[~covered] = 0
-        return frame, covered, patches.depths(plane_depth, covered)
+        return frame, covered, patches.depths(shown_inverse_depth, covered)
 
     def _from_last(
         self,
@@ -191,10 +198,10 @@ class VolumeScene:
         """
         colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
         u, v = cv2.split(pixels)
-        last_depth = cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST)
-        depth_in_last = inverse_depth / np.where(is_inside, ratio, 1)
-        is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
-        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
+        recorded = cv2.remap(self.last_inverse_depth, u, v, cv2.INTER_NEAREST)
+        seen_from_last = inverse_depth / np.where(is_inside, ratio, 1)
+        is_in_front = seen_from_last >= recorded * (1 - self.max_depth_difference)
+        is_beyond = recorded * self.volume.unit * self.volume.settings.reach <= 1
         return (
             colours,
             is_inside & (is_in_front | (inverse_depth == 0)),
@@ -211,6 +218,7 @@ def close_gaps(
     Rays that graze the road slip between the voxels that hold it; inverse depth is linear on a
     plane.
     """
+    # The next rows above and below each pixel that hit a surface.
     is_hit = np.isfinite(inverse_depth)
     row = np.arange(len(inverse_depth))[:, None]
     num_rows = len(row)
@@ -220,6 +228,7 @@ def close_gaps(
     below = np.minimum.accumulate(hit_row[::-1], axis=0)[::-1]
     is_between = ~is_hit & (above >= 0) & (below < num_rows)
     is_narrow = is_between & (below - above <= gap_px + 1)
+    # Linear interpolation between them, in narrow gaps.
     above = np.where(is_narrow, above, 0)
     below = np.where(is_narrow, below, 1)
     upper = np.take_along_axis(inverse_depth, above, 0)

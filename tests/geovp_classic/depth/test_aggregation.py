@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geovp_classic.depth.aggregation import SemiGlobalAggregation, winners
+from geovp_classic.depth.aggregation import SemiGlobalAggregation
 from geovp_classic.types import FloatArray
 
 SMALL, LARGE, CONTRAST = 5, 60.0, 10.0
@@ -43,7 +43,7 @@ def test_one_bad_pixel_is_outvoted() -> None:
     costs = np.full((7, 9, 6), 100, np.uint8)
     costs[..., 2] = 20
     costs[3, 4, 2], costs[3, 4, 5] = 40, 20
-    best, _ = winners(AGGREGATION.aggregate(costs, np.zeros((7, 9), np.uint8)))
+    best, _ = AGGREGATION.winners(AGGREGATION.aggregate(costs, np.zeros((7, 9), np.uint8)))
     np.testing.assert_allclose(best, 2, atol=0.2)
 
 
@@ -51,11 +51,11 @@ def test_the_winner_lies_between_planes_and_leads_over_rivals() -> None:
     # The lowest point of a parabola through 30, 10, 20 is (30 - 20) / (2 (20 + 10)) = 1/6 above the
     # second plane. Planes up to two away are no rivals: the best rival is the fifth, 58.
     sums = np.array([[[30, 10, 20, 21, 58, 74]]], np.uint16)
-    best, lead = winners(sums)
+    best, lead = AGGREGATION.winners(sums)
     assert best[0, 0] == pytest.approx(1 + 1 / 6)
     assert lead[0, 0] == pytest.approx((58 - 10) / 8)  # of eight directions
 
 
 def test_the_outermost_planes_win_without_a_parabola() -> None:
     sums = np.array([[[1, 5, 9, 9, 9, 9], [9, 9, 9, 9, 5, 1]]], np.uint16)
-    np.testing.assert_allclose(winners(sums)[0], [[0, 5]])
+    np.testing.assert_allclose(AGGREGATION.winners(sums)[0], [[0, 5]])

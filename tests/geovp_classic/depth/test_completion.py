@@ -46,6 +46,6 @@ def test_islands_are_found_by_their_size() -> None:
     levels[2:4, 2:4] = 15.0  # 4 px
     levels[10:15, 10:15] = 15.0  # 25 px
     levels[0, 10:] = 6.5  # a step of 1.5 is a slope
-    islands = completion.find_islands(levels, 10 / 400)
+    islands = completion.find_islands(levels, 10 / 400, 2.0)
     assert islands[2:4, 2:4].all()
     assert islands.sum() == 4

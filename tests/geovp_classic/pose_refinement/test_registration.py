@@ -39,9 +39,9 @@ def test_common_errors_of_directions_turn_the_future() -> None:
     turn = se3.exp(np.array([0, 0, 0, 0, np.deg2rad(2.0), 0]))
     adjusted = given.copy()
     adjusted[:, :3, 3] = given[:, :3, 3] @ turn[:3, :3].T
-    correction = direction_correction(given, adjusted, persistence=0.8)
+    correction = direction_correction(given, adjusted, persistence=0.8, min_fraction=0.2)
     assert np.rad2deg(np.arcsin(correction[0, 2])) == pytest.approx(0.8 * 2.0, abs=0.01)
-    np.testing.assert_array_equal(direction_correction(given, given, 0.8), np.eye(3))
+    np.testing.assert_array_equal(direction_correction(given, given, 0.8, 0.2), np.eye(3))
 
 
 def test_poses_stay_without_texture_or_motion(image: Image) -> None:
