@@ -81,52 +81,36 @@ class Multiview:
                 f"multiview: frames {self.frames} of {num_past} observed ones: choose from "
                 f"-{num_past} to -1"
             )
-        observations = self._bounded(observations_of(context, "crop"))
+        greys, camera = self._bounded(observations_of(context, "crop"))
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
+        poses = past.world_from_cam
         for frame in self.frames:
             step = frame % num_past
-            depth_map = self._depth_map(observations, past.world_from_cam, step)
+            sources = self.sources.choose(poses, step, camera)
+            if not sources:
+                continue  # no parallax
+            source_from_reference = se3.inverse(poses[sources]) @ poses[step]
+            depth_map = self._sweep(greys[step], greys[sources], source_from_reference, camera)
             if depth_map is not None:
-                inverse_depth, certainty = depth_map
-                inverse_depths[step] = _enlarged(inverse_depth, context.intrinsics)
-                confidence[step] = _enlarged(certainty, context.intrinsics)
+                inverse_depths[step] = _enlarged(depth_map[0], context.intrinsics)
+                confidence[step] = _enlarged(depth_map[1], context.intrinsics)
         return inverse_depths, confidence
 
-    def _bounded(self, observations: Observations) -> Observations:
-        """Return the observations in a size that needs at most `max_costs` matching costs."""
+    def _bounded(self, observations: Observations) -> tuple[ByteArray, Intrinsics]:
+        """Return grey images [P, H, W] that need at most `max_costs` costs, and their camera."""
         camera = observations.intrinsics
-        num_pixels = camera.width_px * camera.height_px
-        num_costs = num_pixels * self._num_planes(camera)
+        num_costs = camera.width_px * camera.height_px * self._num_planes(camera)
         if num_costs <= self.max_costs:
-            return observations
-        # The number of planes is proportional to the height, but not below `num_planes`.
-        scale = min(
-            (self.max_costs / num_costs) ** (1 / 3),
-            (self.max_costs / (num_pixels * self.num_planes)) ** (1 / 2),
-        )
+            return observations.greys, camera
+        # The number of planes is proportional to the height, too.
+        scale = (self.max_costs / num_costs) ** (1 / 3)
         size_px = (int(scale * camera.width_px), int(scale * camera.height_px))
-        return Observations(
-            np.stack([pinhole.resize(frame, size_px) for frame in observations.frames]),
-            np.stack([pinhole.resize(grey, size_px) for grey in observations.greys]),
-            observations.is_usable,
-            camera.resized(*size_px),
-        )
+        greys = np.stack([pinhole.resize(grey, size_px) for grey in observations.greys])
+        return greys, camera.resized(*size_px)
 
     def _num_planes(self, camera: Intrinsics) -> int:
         return round(self.num_planes * max(1, camera.height_px / self.tall_px))
-
-    def _depth_map(
-        self, observations: Observations, world_from_cam: FloatArray, step: int
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Return inverse depth and confidence [H, W] of a frame; None without parallax."""
-        camera = observations.intrinsics
-        sources = self.sources.choose(world_from_cam, step, camera)
-        if not sources:
-            return None
-        source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
-        greys = observations.greys
-        return self._sweep(greys[step], greys[sources], source_from_reference, camera)
 
     def _sweep(
         self,

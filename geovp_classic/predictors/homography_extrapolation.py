@@ -43,7 +43,7 @@ class HomographyExtrapolation:
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Predict one sample; raise Incompatible without two usable frames or enough corners."""
-        (before, now), times_s, last = last_greys(context, 2)
+        (before, now), times_s, last = last_greys(context)
         before_from_now = self._homography(before, now)
         ahead_s = context.times_s[context.num_past :] - times_s[-1]
         at_infinity = np.zeros(now.shape, np.float32)

@@ -18,17 +18,17 @@ from geovp_classic.types import (
 )
 
 
-def last_greys(context: Context, num_frames: int) -> tuple[ByteArray, FloatArray, Source]:
-    """Return grey images [N, H, W] and times [N] of the last usable frames, and the last frame.
+def last_greys(context: Context) -> tuple[ByteArray, FloatArray, Source]:
+    """Return grey images [2, H, W] and times [2] of the last usable frames, and the last frame.
 
-    Raise Incompatible for fewer than N usable frames.
+    Raise Incompatible for fewer than two usable frames.
     """
     observations = observations_of(context, "crop")
-    steps = np.flatnonzero(observations.is_usable)[-num_frames:]
-    if len(steps) < num_frames:
+    steps = np.flatnonzero(observations.is_usable)[-2:]
+    if len(steps) < 2:
         raise Incompatible(
-            f"image motion is measured in {num_frames} frames, the past has {len(steps)} that are "
-            f"usable: give num_past of {num_frames} or more"
+            f"image motion is measured in two frames, the past has {len(steps)} that are usable: "
+            "give num_past of 2 or more"
         )
     last_frame = observations.frames[steps[-1]]
     source = Source(last_frame, observations.intrinsics, np.eye(4))

@@ -62,7 +62,7 @@ class Source:
 
         C is 1 for a grey image, else 3.
         """
-        # Pixels of the camera to those of the enlarged image with its margins; centres are integers.
+        # Pixels of the camera to those of the enlarged image with its margins.
         height, width = self._enlarged.shape[:2]
         scale_u = (width - FRAME_PX) / self.camera.width_px
         scale_v = (height - FRAME_PX) / self.camera.height_px

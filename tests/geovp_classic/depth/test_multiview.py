@@ -120,9 +120,9 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> No
 
 
 def test_the_memory_of_a_sweep_is_bounded(observe: Observe) -> None:
-    # 128 x 112 pixels and 96 planes are 1.4 million costs, of five bytes with their path sums: 6.9 MB.
+    # 128 x 112 pixels and 96 planes are 1.4 million costs, of 5 bytes with their path sums: 6.9 MB.
     context, past, truth = observe(_drive())
-    bounded = Multiview(max_costs=400_000)  # 2 MB
+    bounded = Multiview(num_planes=48, tall_px=56, max_costs=400_000)  # 2 MB
     estimate(context, past, bounded)  # compiles
     tracemalloc.start()
     inverse_depth, _ = estimate(context, past, bounded)
