@@ -1,5 +1,6 @@
 """Public functions: open a clip, predict its future frames, evaluate and show the prediction."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,10 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
+
+logger = logging.getLogger(__name__)
 
 Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
 
@@ -41,6 +45,7 @@ def predict(
     renderer: Renderer | Spec = "depth-fusion",
     num_samples: int = 1,
     mask: Path | None = None,
+    hindcast: Hindcast | None = Hindcast(),
 ) -> Prediction:
     """Predict frames [S, F, H, W, 3] for the future times of the context.
 
@@ -48,6 +53,9 @@ def predict(
     in the observed frames, and its motion is forecast and refined; lengths are metres if the
     context has the camera's height. `mask` is an image file that is nonzero where no scene is
     shown, such as the hood, in any size. Raises Incompatible if a privileged input is missing.
+
+    The last frame replaces a scene that does not explain the earlier frames: a warning is logged,
+    and `is_trusted` of the prediction is False. With `hindcast=None`, each scene is shown.
     """
     if pose_source is None:
         pose_source = default_pose_source(context.camera_height_m)
@@ -55,8 +63,15 @@ def predict(
         _build("pose_sources", pose_source),
         _build("renderers", renderer),
         Observer(mask=mask),
+        hindcast,
     )
-    return predictor.predict(context, num_samples)
+    prediction = predictor.predict(context, num_samples)
+    if not prediction.is_trusted:
+        logger.warning(
+            "the scene does not explain the earlier frames, so the last frame is predicted: check "
+            "the intrinsics and times, or give hindcast=None to see the scene"
+        )
+    return prediction
 
 
 def default_pose_source(camera_height_m: float | None) -> Spec:

@@ -6,12 +6,13 @@ import numpy as np
 
 from geovp_classic.interfaces import PoseSource, Renderer
 from geovp_classic.observation import Observed, Observer
-from geovp_classic.predictors.hindcast import CheckedScene, Hindcast
+from geovp_classic.predictors.hindcast import CheckedScene, Hindcast, Verdict
 from geovp_classic.types import (
     Context,
     Motion,
     Prediction,
     PrivilegedInput,
+    ShownBy,
     Trajectory,
 )
 
@@ -27,7 +28,7 @@ class GeometricPredictor:
     pose_source: PoseSource
     renderer: Renderer
     observer: Observer = Observer()
-    hindcast: Hindcast = Hindcast()
+    hindcast: Hindcast | None = Hindcast()  # None: each scene is trusted
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -54,16 +55,12 @@ class GeometricPredictor:
         needs = self.renderer.needs
         context = observed.context.only(needs)
         scene = self.renderer.reconstruct(context, past)
-        hindcast = self.hindcast
-        scene_error, copy_error = hindcast.errors(scene, context, past)
-        error_ratio = scene_error / copy_error
-        is_trusted = error_ratio <= hindcast.max_error_ratio
-        shown_error = scene_error if is_trusted else copy_error
+        verdict = Verdict()
+        if self.hindcast is not None:
+            verdict = self.hindcast.judge(scene, context, past)
         return CheckedScene(
             scene,
-            error_ratio,
-            1 / (1 + shown_error / hindcast.error_at_half_confidence),
-            is_trusted,
+            verdict,
             observed.original.frames[-1],
             observed.crop_mask(needs),
             past.world_from_cam[-1],
@@ -73,11 +70,18 @@ class GeometricPredictor:
 
 def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
-    times_s = context.times_s[context.num_past :]
-    samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
+    # Views of each sampled future, with the pixels that are copies of the last frame
+    times_s, camera = context.times_s[context.num_past :], context.intrinsics
+    samples = [scene.view(future, times_s, camera) for future in motion.futures]
     frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])
+    copied = np.stack([scene.copied(future, camera) for future in motion.futures])
+
+    # Confidence falls with the inpainted pixels, with each step after the tracked ones, and with
+    # the error of the hindcast
+    observed_fraction = (covered | copied).mean(axis=(2, 3))
     num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)
     tracked_fraction = motion.tracked.sum() / num_frames
-    confidence = covered.mean(axis=(2, 3)) * tracked_fraction * scene.agreement
-    return Prediction(frames, covered, motion, confidence)
+    confidence = observed_fraction * tracked_fraction * scene.agreement
+    shown_by: ShownBy = "geometry" if scene.is_trusted else "last-frame"
+    return Prediction(frames, covered, motion, confidence, shown_by, copied)

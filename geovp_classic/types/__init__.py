@@ -32,7 +32,7 @@ from geovp_classic.types.clips import (
     Target,
 )
 from geovp_classic.types.motion import Intrinsics, Motion, Trajectory
-from geovp_classic.types.predictions import Prediction, Views
+from geovp_classic.types.predictions import Prediction, ShownBy, Views
 
 __all__ = [
     "BoolArray",
@@ -47,6 +47,7 @@ __all__ = [
     "Observations",
     "Prediction",
     "PrivilegedInput",
+    "ShownBy",
     "Target",
     "Trajectory",
     "Views",

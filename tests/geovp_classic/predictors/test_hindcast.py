@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
@@ -72,8 +73,51 @@ def test_a_scene_that_explains_the_past_is_shown(renderer: Wall) -> None:
 def test_the_last_frame_replaces_a_scene_that_does_not(renderer: Wall) -> None:
     prediction, context = predict(clip(), renderer)
     assert (prediction.frames == context.frames[-1]).all()
-    assert prediction.covered.all()
     assert (prediction.confidence < predict(clip(), Wall())[0].confidence).all()
+
+
+def test_a_prediction_records_what_it_shows() -> None:
+    shown, _ = predict(clip(), Wall())
+    assert (shown.shown_by, shown.is_trusted) == ("geometry", True)
+    assert not shown.copied.any()
+    assert shown.covered.all()
+    replaced, _ = predict(clip(), Wall(offset=2.4))
+    assert (replaced.shown_by, replaced.is_trusted) == ("last-frame", False)
+    assert replaced.is_copy.tolist() == [[True, True]]
+    assert not replaced.covered.any()
+
+
+@pytest.mark.parametrize("size_px", [(80, 60), (320, 240)])
+def test_in_any_size_the_last_frame_replaces_an_untrusted_scene(size_px: tuple[int, int]) -> None:
+    context, _ = clip().split(NUM_PAST, GroundTruth.needs)
+    predictor = GeometricPredictor(GroundTruth(), Wall(offset=2.4))
+    scene = predictor.reconstruct(predictor.observe(context), context.past)
+    futures = context.future.world_from_cam
+    views = scene.view(futures, np.zeros(2), CAMERA.resized(*size_px))
+    last = pinhole.resize(context.frames[-1], size_px)
+    np.testing.assert_array_equal(views.frames, [last, last])
+    assert not views.covered.any()
+
+
+def test_in_half_the_size_the_mask_is_half_as_large() -> None:
+    context, _ = clip().split(NUM_PAST, GroundTruth.needs)
+    predictor = GeometricPredictor(GroundTruth(), Wall())
+    scene = predictor.reconstruct(predictor.observe(context), context.past)
+    mask = np.zeros(context.frames.shape[1:3], bool)
+    mask[-40:] = True
+    small = CAMERA.resized(CAMERA.width_px // 2, CAMERA.height_px // 2)
+    copied = replace(scene, mask=mask).copied(context.future.world_from_cam, small)
+    assert copied[:, -20:].all()
+    assert not copied[:, :-20].any()
+
+
+def test_without_a_hindcast_the_scene_is_shown() -> None:
+    context, _ = clip().split(NUM_PAST, GroundTruth.needs)
+    renderer = Wall(offset=2.4)
+    prediction = GeometricPredictor(GroundTruth(), renderer, hindcast=None).predict(context)
+    expected = renderer.view(context.future.world_from_cam, np.zeros(2), CAMERA).frames
+    np.testing.assert_array_equal(prediction.frames[0], expected)
+    assert prediction.is_trusted
 
 
 def test_confidence_falls_with_the_error_and_the_step() -> None:
@@ -94,6 +138,8 @@ def test_a_stationary_past_tests_no_scene_but_the_last_pose_shows_the_last_frame
     prediction, context = predict(replace(still, frames=frames, trajectory=trajectory), Wall())
     np.testing.assert_array_equal(prediction.frames[0, 0], context.frames[-1])
     np.testing.assert_array_equal(prediction.frames[0, 1], wall(poses[-1])[0])
+    assert prediction.is_copy.tolist() == [[True, False]]
+    assert prediction.is_trusted
 
 
 def test_unusable_frames_are_not_compared() -> None:
