@@ -81,7 +81,10 @@ class _Present:
 
 @dataclass(frozen=True)
 class _State:
-    """What a view is made of; a push replaces it as a whole."""
+    """What a view is made of.
+
+    A push replaces it as a whole, so that a view in another thread sees the old or the new one.
+    """
 
     newest: _Frame | None = None  # usable or not
     is_blank: bool = False  # the newest frame
@@ -125,31 +128,23 @@ class LivePredictor:
         another shape.
         """
         self._check(frame, time_s)
-        status: Status = "used"
-        seconds: dict[str, float] = {}
-        newest = self._state.newest
-        if newest is not None:
-            elapsed_s = time_s - newest.time_s
-            if -self.settings.max_gap_s < elapsed_s <= 0:
-                return PushReport("late")
-            if not 0 < elapsed_s <= self.settings.max_gap_s:
-                self.reset()
-                status = "restarted"
         added = _Frame(np.array(frame), float(time_s))
+        seconds: dict[str, float] = {}
+        status = self._admit(added)
+        if status == "late":
+            return PushReport(status)
 
+        # Observe the remembered frames; one that shows nothing new is not remembered
         with _timed("observe", seconds):
             self._window = [*self._window, added][-self.settings.num_frames :]
             observed, is_usable = self._observe()
         if not is_usable[-1]:
-            self._window.pop()
-            contrast = self.settings.observer.screening.min_contrast
-            is_blank = bool(pinhole.grey8(added.image).std() <= contrast)
-            self._state = replace(self._state, newest=added, is_blank=is_blank)
-            return PushReport("blank" if is_blank else "duplicate", seconds)
+            return PushReport(self._forget_newest(), seconds)
         if not is_usable.all():  # the others lie before a cut
             observed = self._keep(is_usable)
             status = "restarted"
 
+        # Track the camera up to the new frame, or from the new frame on if it is lost
         with _timed("track", seconds):
             odometry = self._track(observed)
             if odometry.is_lost:
@@ -159,6 +154,8 @@ class LivePredictor:
         with _timed("scale", seconds):
             odometry.measure_scale()
             past, tracked = odometry.past()
+
+        # Reconstruct and forecast; views show the new scene from now on
         with _timed("scene", seconds):
             scene = self._predictor.reconstruct(observed, past)
         with _timed("forecast", seconds):
@@ -167,6 +164,32 @@ class LivePredictor:
         present = _Present(scene, past, tracked, times_s, futures, plane)
         self._state = _State(added, False, present)
         return PushReport(status, seconds)
+
+    def _admit(self, added: _Frame) -> Status:
+        """Admit a frame by its time; forget all others after a gap or a jump of the clock.
+
+        Until the frame is reconstructed, views then show it with a warning.
+        """
+        newest = self._state.newest
+        if newest is None:
+            return "used"
+        elapsed_s = added.time_s - newest.time_s
+        if -self.settings.max_gap_s < elapsed_s <= 0:
+            return "late"
+        if 0 < elapsed_s <= self.settings.max_gap_s:
+            return "used"
+        self._window = []
+        self._odometry = None
+        self._state = _State(added)
+        return "restarted"
+
+    def _forget_newest(self) -> Status:
+        """Forget the newest frame, which is unusable, and return why; views show its age."""
+        unusable = self._window.pop()
+        contrast = self.settings.observer.screening.min_contrast
+        is_blank = bool(pinhole.grey8(unusable.image).std() <= contrast)
+        self._state = replace(self._state, newest=unusable, is_blank=is_blank)
+        return "blank" if is_blank else "duplicate"
 
     def view(
         self,
@@ -180,7 +203,7 @@ class LivePredictor:
         as from an IMU. Raise Incompatible before the first frame, or where these need the camera's
         height.
         """
-        state = self._state
+        state = self._state  # one that a push in another thread does not change
         if state.newest is None:
             raise Incompatible("there is no frame yet: push one before the first view")
         is_metric = bool(commands) or last_from_present is not None
@@ -202,14 +225,15 @@ class LivePredictor:
         if late.warning is not None or present is None:
             return late
 
-        settings = self.settings
+        # Render the scene from the present pose; copies of the last frame count as seen
         path, times_s = self._path(present, time_s, commands, last_from_present)
         views = present.scene.view(path[:1], times_s[:1], self.intrinsics)
-        covered = views.covered[0]
-        if covered.mean() < settings.min_covered:
+        covered = (views.covered | present.scene.copied(path[:1], self.intrinsics))[0]
+        if covered.mean() < self.settings.min_covered:
             unseen = 100 * (1 - covered.mean())
             warning = f"{unseen:.0f} % of the view was never seen"
             return replace(late, warning=warning)
+
         path_px, sides_px = self._drawn_path(present, path, times_s, is_metric)
         agreement = present.scene.agreement * present.tracked.mean()
         return replace(
@@ -299,15 +323,20 @@ class LivePredictor:
 
     def _forecast(self, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return times [F] from the last frame on, and futures [S, F, 4, 4], the central first."""
+        # Times up to the end of the path that is planned at the latest view
         settings = self.settings
         end_s = settings.max_ahead_s + settings.path_s
         ahead_s = np.arange(0, end_s + settings.path_step_s, settings.path_step_s)
         times_s = past.times_s[-1] + ahead_s
+
+        # The central future is shown; the spread of the others is the uncertainty of the path
         forecaster = settings.forecaster
         futures = forecaster.forecast(past, times_s[1:])[:1]
         if past.is_metric and len(past) >= settings.min_frames:
             samples = forecaster.forecast(past, times_s[1:], settings.num_path_samples)
             futures = np.concatenate([futures, samples])
+
+        # All futures start at the last frame, so that views between the two can be interpolated
         shape = (len(futures), 1, 4, 4)
         last = np.broadcast_to(past.world_from_cam[-1], shape)
         return times_s, np.concatenate([last, futures], axis=1)
@@ -345,20 +374,26 @@ class LivePredictor:
         """
         if self._height_m is None or not present.past.is_metric:
             return np.zeros((0, 2)), np.zeros((2, 0, 2))
+        # Half the width of the path: that of the vehicle, or the spread of the futures sideways
         right = path[:, :3, 0]
         half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
         if not is_given and len(present.futures) > 1:
             sampled = interp1d(present.times_s, present.futures[1:, :, :3, 3], axis=1)(times_s)
             lateral = ((sampled - path[:, :3, 3]) * right).sum(axis=-1)
             half_m = np.maximum(half_m, np.sqrt((lateral**2).mean(axis=0)))
+
+        # The path and its sides lie on the ground, below the camera
         last = present.past.world_from_cam[-1]
         down = last[:3, :3] @ present.vehicle_from_cam[1, :3]
         ground = path[:, :3, 3] + self._height_m * down
         offset = half_m[:, None] * right
         points = np.stack([ground, ground - offset, ground + offset])
+
+        # Project them into the present view
         in_view = se3.transform(se3.inverse(path[0]), points)
         pixels, depth = pinhole.project(in_view, self.intrinsics)
-        pixels = np.where(depth[..., None] > 0.1, pixels, np.nan)
+        is_ahead = depth > self.settings.min_path_depth_m
+        pixels = np.where(is_ahead[..., None], pixels, np.nan)
         return pixels[0], pixels[1:]
 
 

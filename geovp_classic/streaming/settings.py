@@ -29,17 +29,26 @@ class LiveSettings:
     observer: Observer = Observer()
     # One earlier frame decides as three do, in 384 of 384 cases of the corruption study
     hindcast: Hindcast = Hindcast(num_frames=1)
-    num_frames: int = 10  # the last usable ones, which are remembered
+    num_frames: int = 10  # the last usable ones, which are remembered; as in the matrix `fusion`
     # Between two frames; after a longer gap, or a jump of the clock, all frames are forgotten.
+    # At 10 m/s, what was within 10 m has then left the view
     max_gap_s: float = 1.0
-    min_frames: int = 4  # with fewer since a restart, no prediction is trusted
-    max_ahead_s: float = 3.0  # of the present after the last usable frame
-    min_covered: float = 0.3  # of the image; the rest is inpainted
-    min_tracked: float = 0.5  # of the remembered frames
-    path_s: float = 2.0  # length of the planned path, from the present on
-    path_step_s: float = 0.1
-    num_path_samples: int = 32  # whose spread is the path's uncertainty
-    vehicle_width_m: float = 1.8
+    # With fewer since a restart, no prediction is trusted: three steps are the fewest that give
+    # a mean speed and turn, and their spread
+    min_frames: int = 4
+    # Of the present after the last usable frame; the matrix `fusion` predicts 2 s
+    max_ahead_s: float = 3.0
+    min_covered: float = 0.3  # of the image; the rest is inpainted, which is then most of it
+    min_tracked: float = 0.5  # of the remembered frames: most of the path is measured
+    path_s: float = (
+        2.0  # length of the planned path, from the present on: the time to react of road design
+    )
+    path_step_s: float = 0.1  # 1 m at 10 m/s, a few pixels of the drawn path
+    num_path_samples: int = 32  # whose spread is the path's uncertainty, within 1 / sqrt(64) = 12 %
+    vehicle_width_m: float = 1.8  # of a passenger car without mirrors
+    min_path_depth_m: float = (
+        0.1  # nearer points of the path are not drawn: they are behind the car
+    )
 
     def __post_init__(self) -> None:
         if not 2 <= self.min_frames <= self.num_frames:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ import street
 
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.streaming import Command, LivePredictor, LiveView
-from geovp_classic.types import ByteArray, Clip, FloatArray
+from geovp_classic.forecasting.constant import Hold
+from geovp_classic.streaming import Command, LivePredictor, LiveSettings, LiveView
+from geovp_classic.types import ByteArray, Clip, FloatArray, Trajectory
 
 NUM_PAST = 10
 
@@ -156,6 +158,33 @@ def test_after_a_jump_of_the_clock_the_track_starts_anew(
     time_s = clip.times_s[10] + jump_s
     assert live.push(clip.frames[10], time_s).status == "restarted"
     assert live.view(time_s + 0.1).warning == "only 1 usable frames since the start"
+
+
+@dataclass(frozen=True)
+class Watching(Hold):
+    """A forecaster that calls a function, which is done in the middle of a push."""
+
+    calls: list[Callable[[], None]] = field(default_factory=list)
+
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        for call in self.calls:
+            call()
+        return super().forecast(past, times_s, num_samples)
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, 3600.0])
+def test_during_a_push_after_a_gap_the_new_frame_is_shown(clip: Clip, jump_s: float) -> None:
+    watching = Watching()
+    settings = LiveSettings(forecaster=watching)
+    live = LivePredictor(clip.intrinsics, clip.camera_height_m, settings)
+    for step in range(5):
+        live.push(clip.frames[step], clip.times_s[step])
+    time_s = clip.times_s[5] + jump_s
+    seen: list[LiveView] = []
+    watching.calls.append(lambda: seen.append(live.view(time_s + 0.1)))
+    assert live.push(clip.frames[5], time_s).status == "restarted"
+    assert [view.warning for view in seen] == ["only 0 usable frames since the start"]
+    assert (seen[0].frame == clip.frames[5]).all()
 
 
 def test_a_stationary_camera_sees_the_same_frame() -> None:
