@@ -17,6 +17,8 @@ from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
+DEFAULT_HINDCAST = Hindcast()
+
 logger = logging.getLogger(__name__)
 
 Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
@@ -45,7 +47,7 @@ def predict(
     renderer: Renderer | Spec = "depth-fusion",
     num_samples: int = 1,
     mask: Path | None = None,
-    hindcast: Hindcast | None = Hindcast(),
+    hindcast: Hindcast | None = DEFAULT_HINDCAST,
 ) -> Prediction:
     """Predict frames [S, F, H, W, 3] for the future times of the context.
 

@@ -40,15 +40,11 @@ class LiveSettings:
     max_ahead_s: float = 3.0
     min_covered: float = 0.3  # of the image; the rest is inpainted, which is then most of it
     min_tracked: float = 0.5  # of the remembered frames: most of the path is measured
-    path_s: float = (
-        2.0  # length of the planned path, from the present on: the time to react of road design
-    )
+    path_s: float = 2.0  # of the planned path, from the present on: a driver's time to react
     path_step_s: float = 0.1  # 1 m at 10 m/s, a few pixels of the drawn path
-    num_path_samples: int = 32  # whose spread is the path's uncertainty, within 1 / sqrt(64) = 12 %
+    num_path_samples: int = 32  # whose spread is then known within 1 / sqrt(2 * 32) = 12 %
     vehicle_width_m: float = 1.8  # of a passenger car without mirrors
-    min_path_depth_m: float = (
-        0.1  # nearer points of the path are not drawn: they are behind the car
-    )
+    min_path_depth_m: float = 0.1  # nearer points of the path are beside or behind the camera
 
     def __post_init__(self) -> None:
         if not 2 <= self.min_frames <= self.num_frames:

@@ -1,5 +1,6 @@
 """Long commands end, and keep their results, when standard output or error is closed or full."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -23,12 +24,19 @@ copy-last = { name = "copy-last" }
 frame = ["psnr"]
 """
 UNREADABLE = ("2>&-", "2>&1 | head -1", "2>/dev/full")
+PREDICT = "predict frames --fov 90 --fps 10 --past 4 --future 2 --out predicted"
 
 
 def geovp(words: str, streams: str, folder: Path) -> int:
     """Run a command in a shell and return its exit code."""
     line = f"set -o pipefail; {sys.executable} -m geovp_benchmarks.cli {words} {streams}"
-    return subprocess.run(["bash", "-c", line], cwd=folder, timeout=120).returncode
+    command = ["bash", "-c", line]
+    return subprocess.run(command, cwd=folder, env=buffered(), timeout=120).returncode
+
+
+def buffered() -> dict[str, str]:
+    """Return the environment in which Python buffers its streams, and flushes them at exit."""
+    return {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
 
 
 @pytest.fixture
@@ -59,6 +67,20 @@ def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
 
 @pytest.mark.parametrize("streams", ["2>&-", "2>&1 | head -1"])
 def test_a_clip_is_predicted_although_nobody_reads(streams: str, folder: Path) -> None:
-    words = "predict frames --fov 90 --fps 10 --past 4 --future 2 --out predicted"
-    assert geovp(words, streams, folder) == 0
+    assert geovp(PREDICT, streams, folder) == 0
     assert any((folder / "predicted").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [(PREDICT, 0), ("predict nowhere --fps 10", 2), ("list renderers", 0), ("list nothing", 2)],
+)
+def test_a_closed_pipe_does_not_change_the_exit_code(words: str, code: int, folder: Path) -> None:
+    """The reader of both streams has ended before the first line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "geovp_benchmarks.cli", *words.split()]
+    streams = {"stdout": writer, "stderr": writer}
+    ended = subprocess.run(command, cwd=folder, env=buffered(), timeout=120, **streams)
+    os.close(writer)
+    assert ended.returncode == code

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import metadata
 from types import ModuleType
-from typing import Any
+from typing import Any, TextIO
 
 from geovp.progress import progress_bar
 from geovp_benchmarks.cli.messages import logger, messages
@@ -113,31 +113,49 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             logger.error("interrupted: finished work is kept, rerun to continue")
             return 130
         except OSError as error:
-            with suppress(OSError, ValueError):  # so that Python can close standard output
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            if isinstance(error, BrokenPipeError):  # such as `| head`
-                return 0
             place = error.filename or "a file"
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
         finally:
             signal.signal(signal.SIGTERM, previous)
+            for stream in (sys.stdout, sys.stderr):
+                flush_or_discard(stream)
         return 2
 
 
 def print_lines(args: argparse.Namespace) -> int:
-    """Print the lines of a command as they are ready, and return its exit code."""
+    """Print the lines of a command as they are ready, and return its exit code.
+
+    The command goes on if nobody reads them, such as after `| head -1`.
+    """
     from tqdm import tqdm
 
     with progress_bar(args.command):
         lines = args.run(args)
         while True:
             try:
-                tqdm.write(next(lines))  # above the bar
+                line = next(lines)
             except StopIteration as end:
                 return end.value or 0
-            finally:
+            try:
+                tqdm.write(line)  # above the bar
                 sys.stdout.flush()
+            except BrokenPipeError:
+                flush_or_discard(sys.stdout)
+
+
+def flush_or_discard(stream: TextIO) -> None:
+    """Write what a stream holds; if that fails, discard it and all that follows.
+
+    Python flushes the standard streams at exit, and would replace the exit code by 120.
+    """
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
 
 
 def open_closed_streams() -> None:

@@ -4,7 +4,7 @@ import logging
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
 logger = logging.getLogger(__name__)
@@ -34,6 +34,12 @@ def messages(is_quiet: bool, is_verbose: bool) -> Iterator[None]:
     finally:
         root.removeHandler(handler)
         root.setLevel(previous)
+
+
+def print_notes(lines: Iterable[str]) -> None:
+    """Print lines on standard error; a closed or full stream does not end the command."""
+    with suppress(OSError, ValueError):
+        print(*lines, sep="\n", file=sys.stderr)
 
 
 def terminal_width() -> int | None:

@@ -9,11 +9,10 @@ Examples:
 """
 
 import argparse
-import sys
 from pathlib import Path
 
 from geovp.progress import announce, report
-from geovp_benchmarks.cli.messages import logger
+from geovp_benchmarks.cli.messages import logger, print_notes
 from geovp_benchmarks.cli.options import Lines, number, option, shared
 
 CAMERA = {
@@ -105,7 +104,7 @@ def run(args: argparse.Namespace) -> Lines:
         folder = folder.with_name(f"{name}-{number}")
     files = exports.write(predicted, folder)
     if not args.quiet:
-        print(*predicted.summary(), sep="\n", file=sys.stderr)
+        print_notes(predicted.summary())
     if not any(path.suffix == ".mp4" for path in files):
         logger.warning(f"the film is a gif; for H.264: {registry.install_command('video')}")
     yield from map(str, files)
