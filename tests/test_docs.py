@@ -33,6 +33,7 @@ from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.running.task import build_matrix
 from geovp_classic import registry
+from tests import registered
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -331,7 +332,7 @@ def test_a_video_can_be_predicted(results: Path, tmp_path: Path) -> None:
 def test_all_metrics_are_on_their_page() -> None:
     page = (ROOT / "docs/concepts/metrics.md").read_text()
     for role in ("frame_metrics", "trajectory_metrics"):
-        for name in registry.names(role):
+        for name in registered.names(role):
             assert f"| [`{name}`](#" in page, name
 
 

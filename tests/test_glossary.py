@@ -10,13 +10,14 @@ from geovp_benchmarks.evaluation.oracles import STAGES
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_classic import registry
+from tests import registered
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "glossary.md").read_text()
 
 
 @pytest.mark.parametrize("role", registry.PROTOCOL_OF_ROLE)
 def test_components_are_explained(role: str) -> None:
-    missing = [name for name in registry.names(role) if f"`{name}`" not in PAGE]
+    missing = [name for name in registered.names(role) if f"`{name}`" not in PAGE]
     assert not missing
 
 
@@ -26,10 +27,24 @@ def test_letters_of_privileged_inputs_are_explained() -> None:
 
 
 def test_columns_stages_and_attributes_are_explained() -> None:
-    metrics = [*registry.names("frame_metrics"), *registry.names("trajectory_metrics")]
+    metrics = [*registered.names("frame_metrics"), *registered.names("trajectory_metrics")]
     columns = [title(name) for name in (*metrics, *ALWAYS_SCORED) if name != "stabilised"]
     strata = ["covered", "seen", "disoccluded", "static", "moving"]
     attributes = [f"`{name}`" for name in DIVISIONS]
     statuses = ["done", "partial", "skipped", "failed"]
     terms = [*columns, *strata, *attributes, *STAGES, *statuses]
     assert [term for term in terms if term not in PAGE] == []
+
+
+def test_an_installed_plug_in_need_not_be_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "far_ahead-0.1.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: far-ahead\nVersion: 0.1\n")
+    (folder / "entry_points.txt").write_text("[geovp.forecasters]\nhover = far_ahead:Hover\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry._entry_points.cache_clear()
+    assert "hover" in registry.names("forecasters")
+    test_components_are_explained("forecasters")
+    registry._entry_points.cache_clear()

@@ -12,6 +12,7 @@ import pytest
 from geovp_benchmarks.matrix import files
 from geovp_benchmarks.results.store import Results
 from geovp_classic import registry
+from tests import registered
 
 from .conftest import Command, Says
 from .test_cli import matrix, run
@@ -150,7 +151,7 @@ def test_the_page_of_a_component(printed: Says) -> None:
 @pytest.mark.parametrize("name", ["depth-fusion", "refined", "monocular", "motion-prior"])
 def test_a_printed_component_is_its_default(name: str, printed: Says) -> None:
     """What is printed can be pasted into a matrix file."""
-    (role,) = (role for role in registry.ROLES if name in registry.names(role))
+    (role,) = (role for role in registry.ROLES if name in registered.names(role))
     table = tomllib.loads(printed("list", name))
     settings = table[role][name] if role in table else table
     needed = {"source": {"name": "ground-truth"}} if name == "refined" else {}

@@ -31,8 +31,9 @@ from geovp_classic.types import (
     Trajectory,
     Views,
 )
+from tests import registered
 
-REGISTERED = [(role, name) for role in registry.ROLES for name in registry.names(role)]
+REGISTERED = [(role, name) for role in registry.ROLES for name in registered.names(role)]
 
 
 @pytest.mark.parametrize(("role", "name"), REGISTERED, ids=lambda part: part)
@@ -159,6 +160,27 @@ class Biased(GroundFarPlane):
         return BiasedScene()
 
 
+@dataclass(frozen=True)
+class Mirror(GroundFarPlane):
+    """A renderer that reports all as covered, or shows the mirror image of its scene."""
+
+    is_mirrored: bool = False
+
+    def reconstruct(self, context: Context, past: Trajectory) -> Any:
+        scene, is_mirrored = super().reconstruct(context, past), self.is_mirrored
+
+        class MirrorScene:
+            def view(
+                self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+            ) -> Views:
+                views = scene.view(world_from_cam, times_s, intrinsics)
+                if is_mirrored:
+                    return replace(views, frames=views.frames[:, :, ::-1].copy())
+                return replace(views, covered=np.ones_like(views.covered))
+
+        return MirrorScene()
+
+
 STATIONARY = "accepts or refuses a stationary camera"
 TWO_FRAMES = "accepts or refuses a past of two frames"
 VALID = "returns valid outputs"
@@ -183,6 +205,13 @@ INDEPENDENT = "renders each view from its own pose and time alone"
             "noise or a stationary camera is better",
         ),
         ("renderers", Speechless(), "has the methods of its interface", "lacks needs, reconstruct"),
+        ("renderers", Mirror(), "covers nothing behind the first camera", "100 % of the view"),
+        (
+            "renderers",
+            Mirror(is_mirrored=True),
+            "shows the last frame from its pose",
+            "mirror images are as near",
+        ),
         ("renderers", Biased(by="number of poses"), INDEPENDENT, "its own pose and time alone"),
         ("renderers", Biased(by="row"), INDEPENDENT, "its own pose and time alone"),
         ("renderers", Biased(by="previous time"), INDEPENDENT, "its own pose and time alone"),

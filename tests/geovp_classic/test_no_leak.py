@@ -21,10 +21,11 @@ from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
+from tests import registered
 
 NUM_PAST = 6
 ROLES = [role for role in registry.ROLES if has_context(role)]
-COMPONENTS = [(role, name) for role in ROLES for name in registry.names(role)]
+COMPONENTS = [(role, name) for role in ROLES for name in registered.names(role)]
 FIELD_OF_INPUT = {
     PrivilegedInput.PAST_POSES: "past",
     PrivilegedInput.FUTURE_POSES: "future",

@@ -229,6 +229,8 @@ def _promises(role: str) -> Iterator[tuple[str, Callable[[Trial], str | None]]]:
         yield "returns the requested number of samples", samples
     if role == "renderers":
         yield "renders each view from its own pose and time alone", _views_are_independent
+        yield "covers nothing behind the first camera", _covers_nothing_behind
+        yield "shows the last frame from its pose", _shows_the_last_frame
     if has_context(role) or role == "forecasters":
         drive = street(0)
         variants = {
@@ -302,3 +304,40 @@ def _views_are_independent(trial: Trial) -> None:
     for rows in (order, order[:1]):
         again = arrays(trial.view(scene, poses[rows], truth.times_s[rows]))
         require_equal(again, {name: array[rows] for name, array in together.items()}, problem)
+
+
+def _view_of_past(trial: Trial, step: int, turn: FloatArray) -> Views:
+    """Return the view of the scene from the pose of an observed frame, turned by [4, 4]."""
+    truth = trial.truth
+    scene = trial.component.reconstruct(truth.only(trial.component.needs), truth.past)
+    poses = truth.past.world_from_cam[[step]] @ turn
+    return trial.view(scene, poses, truth.past.times_s[[step]])
+
+
+def _covers_nothing_behind(trial: Trial, max_covered: float = 0.01) -> None:
+    """Require that a view backwards is uncovered: the cameras drive ahead, and none saw it.
+
+    A few pixels may be covered at the edges of what was seen.
+    """
+    backwards = np.diag([-1.0, 1.0, -1.0, 1.0])
+    covered = _view_of_past(trial, 0, backwards).covered.mean()
+    problem = "of the view backwards is covered, but was never seen: cover points ahead only"
+    require(covered <= max_covered, f"{100 * covered:.0f} % {problem}")
+
+
+def _shows_the_last_frame(trial: Trial, min_covered: float = 0.5) -> None:
+    """Require that the view from the last pose is like the last frame, and not like its mirror.
+
+    Exposure, resampling and coarse networks change grey values, but bring no mirror nearer.
+    """
+    views = _view_of_past(trial, -1, np.eye(4))
+    shown, covered = views.frames[0].astype(float), views.covered[0]
+    fraction = covered.mean()
+    problem = "of the view from the last pose is covered, but all of it was seen"
+    require(fraction >= min_covered, f"{100 * fraction:.0f} % {problem}")
+    last = trial.truth.frames[-1]
+    error, *mirrored = (
+        np.abs(shown - image)[covered].mean() for image in (last, last[:, ::-1], last[::-1])
+    )
+    problem = "grey values off the last frame, and its mirror images are as near"
+    require(error < min(mirrored), f"the view from the last pose is {error:.0f} {problem}")
