@@ -1,5 +1,6 @@
 """Interfaces of the components: Protocols that a plug-in fulfils without a base class."""
 
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 from geovp_classic.types import (
@@ -37,6 +38,24 @@ class Odometry(Component, Protocol):
 
 
 @runtime_checkable
+class SequenceOdometry(Odometry, Protocol):
+    """Odometry that can also track a whole sequence, which it reads image by image."""
+
+    def track_sequence(
+        self,
+        frames: Iterable[ByteArray],
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
+        camera_height_m: float | None,
+    ) -> tuple[Trajectory, BoolArray]:
+        """Return the trajectory [T] and whether each pose was tracked [T].
+
+        Frames are [H, W, 3] or grey [H, W]. Raises Incompatible if the camera's height is needed
+        but unknown.
+        """
+
+
+@runtime_checkable
 class ScaleEstimator(Protocol):
     """Recursive estimate of the metres in an odometry's unit of length."""
 
@@ -46,7 +65,10 @@ class ScaleEstimator(Protocol):
 
     @property
     def units(self) -> FloatArray:
-        """Return metres per unit of the odometry at each update [N]."""
+        """Return metres per unit of the odometry at the last updates [N] that are remembered.
+
+        They are NaN where no update since the last restart was a measurement.
+        """
 
     @property
     def uncertainty(self) -> float:

@@ -9,13 +9,13 @@ length and a faster camera give the same images.
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_classic.geometry.bundle_adjustment import adjust_focal
 from geovp_classic.observation import scene_window_of
-from geovp_classic.odometry.tracking import Image, Tracking, track_clip
+from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, Intrinsics
 
@@ -54,7 +54,7 @@ class FocalLengthEstimator:
     systematic_error: float = 0.025
     min_keyframes: int = 5
     num_points: int = 500  # with most observations, in the bundle adjustment
-    tracking: Tracking = Tracking()
+    tracking: TrackerSettings = TrackerSettings()
 
     @single_threaded_blas
     def estimate(self, windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
@@ -114,7 +114,11 @@ class FocalLengthEstimator:
 
     def _adjusted_focal(self, images: list[Image], camera: Intrinsics) -> float:
         """Return the focal length that bundle adjustment ends at, or NaN."""
-        tracks = track_clip(self.tracking, images, camera).map
+        keyframes = self.tracking.keyframes.for_clip(len(images))
+        tracker = Tracker(replace(self.tracking, keyframes=keyframes), camera)
+        for image in images:
+            tracker.push(image)
+        tracks = tracker.map
         if len(tracks.keyframes) < self.min_keyframes:
             return np.nan
         index = tracks.adjustable()[: self.num_points]

@@ -120,11 +120,15 @@ class GroundPlaneEstimator:
     def finalize(self, length: float, duration_s: float) -> None:
         """Fit the walk, or assume the prior's median speed if no road was found."""
         if self._num_measured:
-            log_heights, deviations = self.settings.walk.smooth(*np.array(self._measurements).T)
-            variance = float(np.mean(deviations**2))
+            measured, _, step_ratios = measurements = np.array(self._measurements).T
+            log_heights, deviations = self.settings.walk.smooth(*measurements)
+            # Heights between restarts are unrelated: without a measurement they are unknown
+            segments = np.cumsum(np.isinf(step_ratios))
+            is_known = np.isin(segments, segments[np.isfinite(measured)])
+            variance = float(np.mean(deviations[is_known] ** 2))
             self.uncertainty = float(np.sqrt(variance + self.settings.systematic_error**2))
-            self.units = self.camera_height_m / np.exp(log_heights)
-            self.unit = float(np.exp(np.log(self.units).mean()))
+            self.units = np.where(is_known, self.camera_height_m / np.exp(log_heights), np.nan)
+            self.unit = float(np.exp(np.log(self.units[is_known]).mean()))
         if self.uncertainty <= MIN_SPREAD:
             return
         prior = self.settings.prior
@@ -133,7 +137,7 @@ class GroundPlaneEstimator:
         if prior is not None and length > 0:
             self.unit = prior.median_m_s * duration_s / length
             self.uncertainty = prior.spread
-        self.units = np.full(len(self._measurements), self.unit)
+        self.units = np.full(len(self._measurements), np.nan)
 
     def restart(self) -> None:
         """Forget the height after a change of the odometry's unit; keep pitch and roll."""

@@ -1,18 +1,18 @@
-"""Monocular visual odometry with metric scale."""
+"""Monocular visual odometry with metric scale, for clips, whole sequences and streams."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import accumulate
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geovp_classic.geometry import pinhole, planar, se3
-from geovp_classic.interfaces import Scale, ScaleEstimator
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.interfaces import Scale
 from geovp_classic.observation import ImageStream, observations_of
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.tracking import Image, Tracker, Tracking, track_clip
+from geovp_classic.odometry.segment_scale import SegmentScale, TrackedImages, joined
+from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import (
     BoolArray,
@@ -35,12 +35,14 @@ class Monocular:
 
     scale: Scale = GroundPlane()
     frames: ImageStream = "crop"
-    tracking: Tracking = Tracking()
+    tracking: TrackerSettings = TrackerSettings()
     # Images between two that the scale is measured with; the first that is long enough is used.
-    # Images less than this many camera heights apart say little about the road.
+    # Images less than this many camera heights apart say little about the road: its pixels, up to
+    # 10 heights ahead, shift by few pixels.
     scale_strides: tuple[int, ...] = (1, 2, 4)
     min_baseline_heights: float = 1 / 3
-    max_uncertainty: float = 0.2  # relative, of a scale that counts as measured
+    # Relative, of a scale that counts as measured: the least spread of `SpeedPrior`
+    max_uncertainty: float = 0.2
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -55,33 +57,18 @@ class Monocular:
         The trajectory is metric if the scale is, and could be measured or assumed, or if the camera
         never moved. Raise Incompatible if the clip lacks an input.
         """
-        # Observe
         view = observations_of(context, self.frames)
         times_s = context.times_s[: context.num_past]
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]
         corners = parallel_map(self.tracking.corners.detect, greys)
-        images = list(map(Image, greys, corners, times_s[steps]))
-
-        # Track
-        path = self._track_images(images, view.intrinsics)
-        is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
-        if is_measured.sum() >= 2:
-            path = path.select(is_measured)
-            steps = steps[is_measured]
-
-        # Scale
-        estimator = self.fit_scale(path, view.intrinsics, context.camera_height_m)
-
-        # Bridge
-        poses = path.world_from_cam.copy()
-        poses[:, :3, 3] *= estimator.unit
-        world_from_cam: FloatArray = np.tile(poses[:1], (len(times_s), 1, 1))
-        if len(steps) >= 2:
-            world_from_cam = se3.interpolate(poses, times_s[steps], times_s)
+        run = MonocularRun(self, view.intrinsics, context.camera_height_m, window=len(steps))
+        for image in map(Image, greys, corners, times_s[steps]):
+            run.push(image)
+        trajectory, is_tracked = run.finish(times_s)
         tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
-        tracked[steps] = path.tracked
-        return self.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
+        tracked[steps] = is_tracked
+        return trajectory, tracked
 
     def track_sequence(
         self,
@@ -94,58 +81,41 @@ class Monocular:
 
         Images are read one by one, and adjusted in a sliding window of keyframes.
         """
-        tracker = Tracker(self.tracking, intrinsics)
-        estimator = self.scale.estimator(intrinsics, camera_height_m)
-        num_starts = 1
-        updated = []  # steps
-        for index, (frame, time_s) in enumerate(zip(frames, times_s, strict=True)):
-            grey = pinhole.grey8(frame)
-            tracker.push(Image(grey, self.tracking.corners.detect(grey), float(time_s)))
-            if tracker.num_starts > num_starts:
-                estimator.restart()
-                num_starts = tracker.num_starts
-            if tracker.new_pair is not None:
-                estimator.update(*tracker.new_pair)
-                updated.append(index)
-        poses, tracked = tracker.poses()
-        steps = se3.steps(poses)
-        length = float(se3.step_lengths(poses).sum())
-        estimator.finalize(length, float(times_s[-1] - times_s[0]))
-        if len(estimator.units):
-            units = np.interp(np.arange(1, len(times_s)), updated, estimator.units)
-            steps[:, :3, 3] *= units[:, None]
-        world_from_cam = np.stack(list(accumulate(steps, np.matmul, initial=np.eye(4))))
-        return self.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
+        run = MonocularRun(self, intrinsics, camera_height_m)
+        for frame, time_s in zip(frames, times_s, strict=True):
+            run.push(self.image(pinhole.grey8(frame), float(time_s)))
+        return run.finish(times_s)
 
-    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
-        """Track the images of a clip, and adjust all of them together."""
-        tracker = track_clip(self.tracking, images, intrinsics)
-        tracker.map.adjust(num_fixed=1)
-        return Path(images, *tracker.poses())
+    def image(self, grey: ByteArray, time_s: float) -> Image:
+        """Return an image [H, W] with its corners."""
+        return Image(grey, self.tracking.corners.detect(grey), time_s)
 
     def fit_scale(
-        self, path: Path, intrinsics: Intrinsics, height_m: float | None
-    ) -> ScaleEstimator:
+        self, images: TrackedImages, intrinsics: Intrinsics, height_m: float | None
+    ) -> SegmentScale:
         """Measure the scale with every image and an earlier one.
 
         This is the one before it, unless the camera is too slow.
         """
-        mean_step = path.length / max(len(path.images) - 1, 1)
-        best: ScaleEstimator | None = None
+        mean_step = images.length / max(len(images.times_s) - 1, 1)
+        best: SegmentScale | None = None
         for stride in self.scale_strides:
-            estimator = self.scale.estimator(intrinsics, height_m, path.pitch_rad)
-            for now in range(stride, len(path.images)):
-                path.measure(estimator, now - stride, now)
-            estimator.finalize(path.length, path.duration_s)
-            is_measured = estimator.uncertainty < self.max_uncertainty
+            scale = SegmentScale(self.scale.estimator(intrinsics, height_m, images.pitch_rad))
+            for now in range(stride, len(images.times_s)):
+                scale.update_with(images, now - stride, now)
+            scale.finalize(images)
+            is_measured = scale.estimator.uncertainty < self.max_uncertainty
             if best is None or is_measured:
-                best = estimator
-            baseline_m = stride * mean_step * best.unit
-            min_baseline_m = self.min_baseline_heights * (height_m or 0.0)
-            if is_measured and baseline_m > min_baseline_m:
+                best = scale
+            baseline_m = stride * mean_step * best.estimator.unit
+            if is_measured and baseline_m > self.min_baseline_m(height_m):
                 break
         assert best is not None
         return best
+
+    def min_baseline_m(self, height_m: float | None) -> float:
+        """Return the distance from which two images say something about the road."""
+        return self.min_baseline_heights * (height_m or 0.0)
 
     def trajectory(
         self,
@@ -163,60 +133,148 @@ class Monocular:
         return Trajectory(world_from_cam, times_s, self.scale.is_metric and not moves, None)
 
 
-@dataclass(frozen=True)
-class Path:
-    """Tracked path of images, in an arbitrary unit."""
+class MonocularRun:
+    """Odometry of one camera that is fed frame by frame.
 
-    images: list[Image]  # P
-    world_from_cam: FloatArray  # [P, 4, 4]
-    tracked: BoolArray  # [P]
+    With a window, the last images are remembered, adjusted together and used for the scale whenever
+    the past is read: those of a clip once, at its end, and those of a stream after each image.
+    Without one, all poses of a drive are remembered. Its keyframes are adjusted as they come, in
+    a sliding window, and the scale is measured between them.
+    """
 
-    @property
-    def length(self) -> float:
-        """Return the sum of the steps."""
-        return float(se3.step_lengths(self.world_from_cam).sum())
+    def __init__(
+        self,
+        settings: Monocular,
+        camera: Intrinsics,
+        height_m: float | None,
+        window: int | None = None,  # images
+        min_images: int = 1,  # in the window, before the scale is measured
+    ) -> None:
+        self.settings = settings
+        self.camera = camera
+        self._height_m = height_m
+        self._window = window
+        self._min_images = min_images
+        tracking = settings.tracking
+        self._scale: SegmentScale | None = None
+        if window is None:
+            self._scale = SegmentScale(settings.scale.estimator(camera, height_m))
+        else:
+            tracking = replace(tracking, keyframes=tracking.keyframes.for_clip(window))
+        self._tracker = Tracker(tracking, camera)
+        self._num_images = 0
+        self._num_measured = 0  # images that the scale was measured with
+        self._times_s: list[float] = []  # of the remembered images
+        self._greys: list[ByteArray] = []  # of the window
 
-    @property
-    def duration_s(self) -> float:
-        """Return the time from the first to the last image."""
-        return self.images[-1].time_s - self.images[0].time_s
+    def push(self, image: Image) -> None:
+        """Track the next image."""
+        tracker = self._tracker
+        tracker.push(image)
+        self._times_s.append(image.time_s)
+        if self._window is None:
+            # The images of the newest two keyframes are at hand now, and not later
+            if self._scale is not None and tracker.new_pair is not None:
+                self._scale.update(self._num_images, tracker.segment, *tracker.new_pair)
+        else:
+            self._greys = [*self._greys, image.grey][-self._window :]
+            self._times_s = self._times_s[-self._window :]
+            tracker.forget(self._window)
+        self._num_images += 1
+
+    def past(self) -> tuple[Trajectory, BoolArray]:
+        """Return the trajectory through the remembered images [P], and which were tracked [P]."""
+        return self.finish(np.array(self._times_s))
+
+    def finish(self, times_s: FloatArray) -> tuple[Trajectory, BoolArray]:
+        """Return the trajectory at times [T], and which of the remembered images were tracked [P].
+
+        Times of images that were not pushed are bridged, as are lost images.
+        """
+        # Adjust the window as a whole
+        if self._window is not None:
+            self._tracker.adjust()
+        images, is_localised = self._tracked_images()
+        localised = images.select(is_localised) if is_localised.any() else images
+
+        # Measure the scale
+        self._measure_scale(images, localised)
+        units: FloatArray = np.full(len(localised.numbers), np.nan)
+        unit, uncertainty = 1.0, np.inf
+        if self._scale is not None:
+            units = self._scale.units(localised)
+            unit = self._scale.estimator.unit
+            uncertainty = self._scale.estimator.uncertainty
+
+        # Segments without a measurement are lost: their unit is unknown. If none has one, the unit
+        # of the longest segment is assumed or arbitrary, and the others are lost.
+        is_used = np.isfinite(units)
+        if not is_used.any():
+            is_used = localised.in_longest_segment
+            units[:] = unit
+        used = localised.select(is_used)
+        poses = joined(used, units[is_used])
+
+        # Bridge the others at constant velocity
+        world_from_cam: FloatArray = np.tile(poses[:1], (len(times_s), 1, 1))
+        if len(poses) >= 2:
+            world_from_cam = se3.interpolate(poses, used.times_s, times_s)
+        tracked = images.tracked & np.isin(images.numbers, used.numbers)
+        return self.settings.trajectory(world_from_cam, times_s, uncertainty), tracked
 
     @property
     def pitch_rad(self) -> float:
         """Return the mean angle of the viewing axis above the direction of travel."""
-        steps = se3.steps(self.world_from_cam)
-        is_tracked = self.tracked[:-1] & self.tracked[1:]
-        return planar.travel_pitch_rad(steps[is_tracked, :3, 3])
+        images, _ = self._tracked_images()
+        return images.pitch_rad
 
-    def measure(self, estimator: ScaleEstimator, before: int, now: int) -> None:
-        """Update an estimate of the scale with two of the images if both were tracked."""
-        if self.tracked[before] and self.tracked[now]:
-            poses = self.world_from_cam
-            before_from_now = se3.inverse(poses[before]) @ poses[now]
-            greys = self.images[before].grey, self.images[now].grey
-            estimator.update(*greys, before_from_now)
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the newest frames could not be tracked for longer than is bridged."""
+        tracked = self._tracker.poses().tracked
+        num_bridged = self.settings.tracking.max_bridged + 1
+        return len(tracked) > num_bridged and not tracked[-num_bridged:].any()
 
-    def select(self, mask: BoolArray) -> Path:
-        """Return the path through some of the images [P]."""
-        images = [self.images[index] for index in np.flatnonzero(mask)]
-        return Path(images, self.world_from_cam[mask], self.tracked[mask])
+    def _tracked_images(self) -> tuple[TrackedImages, BoolArray]:
+        """Return the remembered images [P], and which of them are localised [P]."""
+        path = self._tracker.poses()
+        num_images = len(path.tracked)
+        images = TrackedImages(
+            np.arange(self._num_images - num_images, self._num_images),
+            np.array(self._times_s),
+            self._greys,
+            path.world_from_cam,
+            path.tracked,
+            path.segments,
+        )
+        return images, path.is_localised
 
+    def _measure_scale(self, images: TrackedImages, localised: TrackedImages) -> None:
+        """Measure the scale with the images of the window that are new."""
+        settings = self.settings
+        if self._window is not None and self._scale is None:
+            # The first images together: their steps say which baseline is long enough
+            if len(images.numbers) < self._min_images:
+                return
+            self._scale = settings.fit_scale(localised, self.camera, self._height_m)
+        elif self._scale is not None:
+            if self._window is not None:
+                for now in np.flatnonzero(images.numbers >= self._num_measured).tolist():
+                    unit = self._scale.estimator.unit
+                    self._scale.update_with(images, self._far_enough(images, now, unit), now)
+            self._scale.finalize(localised)
+        self._num_measured = self._num_images
 
-def longest_segment(
-    tracked: BoolArray,  # [P]
-    max_bridged: int,  # images in a row, before tracking restarts
-) -> BoolArray:
-    """Return which poses [P] belong to the restart with most tracked ones.
-
-    Poses of different restarts are related by continued motion only. The image of a restart, which
-    is the last one of a gap, counts as well.
-    """
-    steps = np.flatnonzero(tracked)
-    restarts = np.flatnonzero(np.diff(steps) > max_bridged + 1) + 1
-    segments = np.split(steps, restarts)
-    segment = max(reversed(segments), key=len)  # the last one of equally long ones
-    is_measured: BoolArray = np.zeros(len(tracked), dtype=bool)
-    is_measured[segment] = True
-    if len(segment) and segment[0] > steps[0]:
-        is_measured[segment[0] - 1] = True
-    return is_measured
+    def _far_enough(self, images: TrackedImages, now: int, unit: float) -> int:
+        """Return the nearest image before another one that is far enough away for the scale."""
+        settings = self.settings
+        positions = images.world_from_cam[:, :3, 3]
+        before = now - 1
+        for stride in settings.scale_strides:
+            if stride > now:
+                break
+            before = now - stride
+            baseline = np.linalg.norm(positions[now] - positions[before])
+            if baseline * unit > settings.min_baseline_m(self._height_m):
+                break
+        return before

@@ -13,9 +13,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale
 from geovp_classic.observation import observations_of
-from geovp_classic.odometry import monocular
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.tracking import Image
+from geovp_classic.odometry.segment_scale import TrackedImages
 from geovp_classic.types import (
     BoolArray,
     Context,
@@ -69,14 +68,17 @@ class RecordedOdometry:
         if self.scale == "metric":
             return Trajectory(world_from_cam, times_s, is_metric=True), tracked
         view = observations_of(context, "crop")
-        no_corners = np.zeros((0, 2))
-        images = [
-            Image(grey, no_corners, time_s)
-            for grey, time_s in zip(view.greys, times_s, strict=True)
-        ]
         odometry = Monocular(self.scale)
-        path = monocular.Path(images, world_from_cam, tracked & view.is_usable)
-        estimator = odometry.fit_scale(path, view.intrinsics, context.camera_height_m)
+        images = TrackedImages(
+            np.arange(len(times_s)),
+            times_s,
+            list(view.greys),
+            world_from_cam,
+            tracked & view.is_usable,
+            np.zeros(len(times_s), dtype=int),
+        )
+        scale = odometry.fit_scale(images, view.intrinsics, context.camera_height_m)
+        estimator = scale.estimator
         world_from_cam[:, :3, 3] *= estimator.unit
         return odometry.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 

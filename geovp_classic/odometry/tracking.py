@@ -1,12 +1,16 @@
-"""Tracking of one camera image by image: two-view initialisation, resection, keyframes."""
+"""Tracking of one camera image by image: two-view initialisation, resection, keyframes.
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+Each image is localised by resection in a map of triangulated corners (Klein & Murray 2007; Mur-Artal
+et al. 2015). The first keyframes of a map come from two-view geometry, so that every map has its
+own unit of length. Poses with one unit form a segment.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.two_view import TwoViewEstimator
+from geovp_classic.geometry.two_view import TwoView, TwoViewEstimator
 from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.resection import Resection
 from geovp_classic.odometry.windowed_map import (
@@ -24,22 +28,29 @@ from geovp_classic.types import (
 
 
 @dataclass(frozen=True)
-class Tracking:
+class TrackerSettings:
     """Methods and settings of a tracker."""
 
     corners: CornerTracker = CornerTracker()
     keyframes: KeyframePolicy = KeyframePolicy()
     two_view: TwoViewEstimator = TwoViewEstimator()
     resection: Resection = Resection()
-    # corners or inliers that a map is initialised with
+    # Corners or inliers that a map is initialised with. Resection needs 12 of them, and about half
+    # are lost before the next keyframe.
     min_start_points: int = 30
-    # inliers of a motion relative to a keyframe
+    # Inliers of a motion relative to a keyframe: the camera's motion is that of the majority.
     min_start_fraction: float = 0.5
-    # inliers among a reference keyframe's points; with fewer left a new reference is chosen
+    # Inliers among a reference keyframe's points; with fewer left a new reference is chosen. The
+    # same fraction of tracks makes predictions wrong, see `CornerTracker`.
     min_reference_fraction: float = 0.3
-    # with fewer points found, the image is bad, not the map
+    # Parallax that initialises a map from a reference with few points left, in standard deviations
+    # of a ray. Depth has a relative error of 1 / 4, as with `KeyframePolicy.min_point_parallax`.
+    min_last_chance_parallax: float = 4.0
+    # With fewer points found than half, the image is bad, not the map.
     min_found_fraction: float = 0.5
-    max_bridged: int = 4  # images in a row, before the map is discarded
+    # Images in a row, before the map is discarded. At 10 Hz, constant velocity that bridges five
+    # images is off by 1 m/s^2 * (.5 s)^2 / 2 = .1 m.
+    max_bridged: int = 4
 
 
 @dataclass(frozen=True)
@@ -59,31 +70,34 @@ class RelativePose:
     """Pose of an image relative to a keyframe, which improves with it."""
 
     tracked: bool
+    is_localised: bool  # tracked, or the first one of a segment
+    segment: int
     keyframe: Keyframe
     keyframe_from_cam: FloatArray  # [4, 4]
     waiting: Tracks | None  # of an image that waits for a map
 
 
-def track_clip(settings: Tracking, images: Sequence[Image], camera: Intrinsics) -> "Tracker":
-    """Track the images of a clip with keyframes that stay for its bundle adjustment."""
-    keyframes = settings.keyframes.for_clip(len(images))
-    tracker = Tracker(replace(settings, keyframes=keyframes), camera)
-    for image in images:
-        tracker.push(image)
-    return tracker
+@dataclass(frozen=True)
+class TrackedPoses:
+    """Poses of consecutive images, in one unit of length per segment."""
+
+    world_from_cam: FloatArray  # [T, 4, 4]
+    tracked: BoolArray  # [T]
+    is_localised: BoolArray  # [T]; the other poses continue the last motion
+    segments: IntArray  # [T], numbers that increase
 
 
 class Tracker:
-    """Poses of one camera, in an arbitrary unit of length.
+    """Poses of one camera, in an arbitrary unit of length per segment.
 
     Bad images never raise: they are bridged with the last motion.
     """
 
-    def __init__(self, settings: Tracking, camera: Intrinsics) -> None:
+    def __init__(self, settings: TrackerSettings, camera: Intrinsics) -> None:
         self.settings = settings
         self.map = WindowedMap(camera, settings.corners.noise_px, settings.keyframes)
         self.map.add_keyframe(np.eye(4))
-        self.num_starts = 0  # maps so far; each has its own unit of length
+        self.segment = -1  # number of the current one; none before the first image with corners
         # the last two keyframes' images and their motion before_from_now [4, 4]
         self.new_pair: tuple[ByteArray, ByteArray, FloatArray] | None = None
         self._poses: list[RelativePose] = []
@@ -97,54 +111,66 @@ class Tracker:
     def push(self, image: Image) -> None:
         """Localise the next image in the map, else from the newest keyframe, or bridge it."""
         self.new_pair = None
-        world_from_cam = self._world_from_last
-        tracks = None
-        if self._last is not None:
-            elapsed_s = image.time_s - self._last.time_s
-            step = se3.exp(self._twist_per_s * elapsed_s)
-            world_from_cam = world_from_cam @ step
-            predicted = se3.inverse(world_from_cam)
-            tracks = self._localise(self._last, image, predicted)
-        tracked = tracks is not None
-        if tracked:
-            self._num_bridged = 0
-            world_from_cam = self._world_from_last
+        last = self._last
+        if last is None:
+            self._bridge_or_restart(image, self._world_from_last)
+            return
+        # Constant velocity predicts where the camera is now
+        elapsed_s = image.time_s - last.time_s
+        world_from_cam = self._world_from_last @ se3.exp(self._twist_per_s * elapsed_s)
+        tracks = self._localise(last, image, se3.inverse(world_from_cam))
+        if tracks is None:
+            self._bridge_or_restart(image, world_from_cam)
         else:
-            self._num_bridged += 1
-            is_lost = self._num_bridged > self.settings.max_bridged
-            if self._last is None or is_lost:
-                has_corners = self._restart(image, world_from_cam)
-                tracked = has_corners and self._num_bridged == 1
-        keyframe = self.map.keyframes[-1]
-        keyframe_from_cam = keyframe.cam_from_world @ world_from_cam
-        waiting = None if self.map.triangulated.any() else tracks
-        self._poses.append(RelativePose(tracked, keyframe, keyframe_from_cam, waiting))
+            self._num_bridged = 0
+            has_map = self.map.triangulated.any()
+            self._append(self._world_from_last, waiting=None if has_map else tracks)
 
-    def poses(self) -> tuple[FloatArray, BoolArray]:
-        """Return world_from_cam [T, 4, 4] and marks of tracked images [T]."""
+    def adjust(self) -> None:
+        """Adjust all keyframes of the window, and with them the poses of all its images.
+
+        The last pose, from which tracking continues, follows its keyframe.
+        """
+        if self.map.is_full:  # is adjusted at each keyframe
+            return
+        keyframe = self.map.keyframes[-1]
+        keyframe_from_last = keyframe.cam_from_world @ self._world_from_last
+        self.map.adjust(num_fixed=1)
+        self._world_from_last = se3.inverse(keyframe.cam_from_world) @ keyframe_from_last
+
+    def poses(self) -> TrackedPoses:
+        """Return the poses of all images that are not forgotten."""
         world_from_cam = [
             se3.inverse(pose.keyframe.cam_from_world) @ pose.keyframe_from_cam
             for pose in self._poses
         ]
-        return np.stack(world_from_cam), np.array([pose.tracked for pose in self._poses])
+        return TrackedPoses(
+            np.stack(world_from_cam),
+            np.array([pose.tracked for pose in self._poses]),
+            np.array([pose.is_localised for pose in self._poses]),
+            np.array([pose.segment for pose in self._poses]),
+        )
 
     def forget(self, num_images: int) -> None:
         """Forget the poses of all but the newest images."""
         del self._poses[:-num_images]
 
     def _localise(self, last: Image, image: Image, predicted: FloatArray) -> Tracks | None:
-        """Localise the camera near a predicted cam_from_world [4, 4] by the points of the map."""
+        """Localise the camera near a predicted cam_from_world [4, 4]."""
+        # Track the corners of the last image from where the prediction shows them
         index = np.flatnonzero(self.map.active)
         guess = self.map.predict_pixels(se3.inverse(self._world_from_last), predicted)
         corners = self.settings.corners
         pixels, is_found = corners.track(last.grey, image.grey, self.map.pixels[index], guess)
+        # Resection by those that have a point
         has_point = is_found & self.map.triangulated[index]
         points = self.map.points[index[has_point]]
         rays = self.map.rays(pixels[has_point])
         localised = self.settings.resection.resect(points, rays, predicted, self.map.noise)
         if localised is None:
             return self._localise_from_keyframe(image, index[is_found], pixels[is_found])
-        cam_from_world, is_found[has_point] = localised
+        cam_from_world, is_inlier = localised
+        is_found[has_point] = is_inlier  # outliers of the pose end here
         tracks = self._move(image, index[is_found], pixels[is_found], cam_from_world)
         if self._keyframe_is_due():
             self._add_keyframe(image)
@@ -160,10 +186,13 @@ class Tracker:
         """
         settings = self.settings
         world = self.map
+        assert self._keyframe is not None
+        # A bad image: few tracks of a map were found
         has_map = world.triangulated.any()
         min_found = settings.min_found_fraction * world.active.sum()
         if has_map and len(index) < min_found:
             return None
+        # Two-view motion since the keyframe
         in_keyframe = world.observed[-1, index]
         index = index[in_keyframe]
         pixels = pixels[in_keyframe]
@@ -176,29 +205,24 @@ class Tracker:
         min_inliers = max(settings.min_start_points, min_fraction * len(index))
         if motion is None or motion.inliers.sum() < min_inliers:
             return None
-        inliers = motion.inliers
-        num_reference = world.observed[-1].sum()
-        min_left = settings.min_reference_fraction * num_reference
-        few_left = inliers.sum() < min_left
-        min_parallax = 4 * world.noise
-        if not few_left:
-            policy = settings.keyframes
-            min_parallax = max(min_parallax, policy.min_start_parallax)
-        initialises = motion.parallax > min_parallax
-        initialises &= motion.has_translation
+        min_left = settings.min_reference_fraction * world.observed[-1].sum()
+        few_left = motion.inliers.sum() < min_left
+        initialises = motion.has_translation and self._has_parallax(motion, few_left)
+        # The map contradicts the image: it ends, and with it the unit of length
         if has_map:
             world.keep_newest_only()
-        assert self._keyframe is not None
+            self.segment += 1
+        # The baseline defines the unit: 1 at first, then as if the speed had not changed
         elapsed_s = max(image.time_s - self._keyframe.time_s, 1e-6)
-        baseline = 1.0  # of the first map
+        baseline = 1.0
         if self._speed_per_s is not None:
             baseline = self._speed_per_s * elapsed_s
         cam_from_keyframe = motion.b_from_a.copy()
         cam_from_keyframe[:3, 3] *= baseline if initialises else 0.0
         cam_from_world = cam_from_keyframe @ world.keyframes[-1].cam_from_world
+        inliers = motion.inliers
         tracks = self._move(image, index[inliers], pixels[inliers], cam_from_world)
         if initialises:
-            self.num_starts += 1
             twist = se3.log(se3.inverse(cam_from_keyframe))
             self._twist_per_s = twist / elapsed_s
             self._add_keyframe(image)
@@ -206,6 +230,45 @@ class Tracker:
         elif few_left:
             self._start_from(image)
         return tracks
+
+    def _has_parallax(self, motion: TwoView, few_left: bool) -> bool:
+        """Return whether a motion has enough parallax for a map; less is enough if it is late."""
+        min_parallax = self.settings.min_last_chance_parallax * self.map.noise
+        if not few_left:
+            min_parallax = max(min_parallax, self.settings.keyframes.min_start_parallax)
+        return motion.parallax > min_parallax
+
+    def _bridge_or_restart(self, image: Image, world_from_cam: FloatArray) -> None:
+        """Continue the motion to an image that was not localised.
+
+        It starts a new map if it is the first image, or if too many have been bridged.
+        """
+        self._num_bridged += 1
+        is_lost = self._num_bridged > self.settings.max_bridged
+        starts = False
+        if self._last is None or is_lost:
+            starts = self._restart(image, world_from_cam)
+        self._append(world_from_cam, tracked=starts and self._num_bridged == 1, starts=starts)
+
+    def _append(
+        self,
+        world_from_cam: FloatArray,
+        *,
+        tracked: bool = True,
+        starts: bool = False,  # a segment
+        waiting: Tracks | None = None,
+    ) -> None:
+        """Store the pose of an image relative to the newest keyframe."""
+        keyframe = self.map.keyframes[-1]
+        pose = RelativePose(
+            tracked,
+            tracked or starts,
+            self.segment,
+            keyframe,
+            keyframe.cam_from_world @ world_from_cam,
+            waiting,
+        )
+        self._poses.append(pose)
 
     def _move(
         self,
@@ -227,28 +290,31 @@ class Tracker:
         return self.map.track_ids[index], pixels
 
     def _keyframe_is_due(self) -> bool:
+        """Return whether the last image has enough parallax, or too few of the keyframe's tracks."""
         policy = self.settings.keyframes
         observed = self.map.observed[-1]
         num_shared = (self.map.active & observed).sum()
         parallax = self.map.parallax(se3.inverse(self._world_from_last))
+        min_parallax = max(policy.min_parallax, policy.min_parallax_deviations * self.map.noise)
         return bool(
-            parallax > max(policy.min_parallax, 3 * self.map.noise)
-            or num_shared < policy.min_shared_fraction * observed.sum()
+            parallax > min_parallax or num_shared < policy.min_shared_fraction * observed.sum()
         )
 
     def _add_keyframe(self, image: Image) -> None:
-        """Add the last localised image to the map, triangulate, adjust, and detect."""
+        """Add the last localised image to the map."""
         assert self._keyframe is not None
         policy = self.settings.keyframes
         world = self.map
         cam_from_world = se3.inverse(self._world_from_last)
         moves = world.parallax(cam_from_world) > policy.min_start_parallax
+        # Triangulate tracks with the new keyframe, and adjust the window
         world.add_keyframe(cam_from_world)
-        before, now = world.keyframes[-2:]  # which are adjusted below
+        before, now = world.keyframes[-2:]
         world.triangulate()
         if world.is_full or (len(world.keyframes) - 1) % policy.adjust_every == 0:
             world.adjust(num_fixed=2 if world.is_full else 1)
         self._world_from_last = se3.inverse(now.cam_from_world)
+        # Motion since the keyframe before: for the scale, and for the unit of the next map
         before_from_now = before.cam_from_world @ self._world_from_last
         if moves:
             distance = float(np.linalg.norm(before_from_now[:3, 3]))
@@ -259,13 +325,15 @@ class Tracker:
             image.grey,
             before_from_now,
         )
+        # Detect
         self._start_tracks(image)
 
     def _restart(self, image: Image, world_from_cam: FloatArray) -> bool:
-        """Start a new map from an image, and return whether it has enough corners."""
+        """Start a new segment from an image, and return whether it has enough corners."""
         if len(image.corners) < self.settings.min_start_points:
             return False
         self.map.clear()
+        self.segment += 1
         self._last = image
         self._world_from_last = world_from_cam
         self._start_from(image)
@@ -288,13 +356,16 @@ class Tracker:
         for pose in self._poses:
             if pose.waiting is None:
                 continue
+            # Tracks of the image that now have a point
             ids, pixels = pose.waiting
             pose.waiting = None
             _, observed, index = np.intersect1d(ids, self.map.track_ids, return_indices=True)
             has_point = self.map.triangulated[index]
             points = self.map.points[index[has_point]]
             rays = self.map.rays(pixels[observed[has_point]])
+            # Resection near the pose without translation, which stays if this fails
             guess = se3.inverse(pose.keyframe_from_cam) @ pose.keyframe.cam_from_world
             localised = self.settings.resection.resect(points, rays, guess, self.map.noise)
             if localised is not None:
-                pose.keyframe_from_cam = pose.keyframe.cam_from_world @ se3.inverse(localised[0])
+                cam_from_world, _ = localised
+                pose.keyframe_from_cam = pose.keyframe.cam_from_world @ se3.inverse(cam_from_world)

@@ -27,6 +27,8 @@ class KeyframePolicy:
     # clip, every image of a moving camera is a keyframe.
     min_parallax: float = 0.025
     min_clip_parallax: float = 0.001
+    # It is at least this many standard deviations of a ray
+    min_parallax_deviations: float = 3.0
     # between the two images that initialise a map
     min_start_parallax: float = 0.004
     # of the last keyframe's tracks; a new keyframe is due when fewer are left

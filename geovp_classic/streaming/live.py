@@ -12,11 +12,11 @@ from scipy.interpolate import interp1d
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.observation import Observed, observations_of
+from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.streaming.commands import Command, commanded_poses
-from geovp_classic.streaming.odometry import StreamOdometry
 from geovp_classic.streaming.settings import LiveSettings
 from geovp_classic.types import (
     BoolArray,
@@ -118,7 +118,7 @@ class LivePredictor:
     def reset(self) -> None:
         """Forget all frames."""
         self._window: list[_Frame] = []  # usable ones
-        self._odometry: StreamOdometry | None = None
+        self._odometry: MonocularRun | None = None
         self._state = _State()
 
     def push(self, frame: ByteArray, time_s: float) -> PushReport:
@@ -152,7 +152,6 @@ class LivePredictor:
                 status = "restarted"
                 odometry = self._track(observed)
         with _timed("scale", seconds):
-            odometry.measure_scale()
             past, tracked = odometry.past()
 
         # Reconstruct and forecast; views show the new scene from now on
@@ -160,7 +159,7 @@ class LivePredictor:
             scene = self._predictor.reconstruct(observed, past)
         with _timed("forecast", seconds):
             times_s, futures = self._forecast(past)
-        plane = planar.level_vehicle_from_cam(odometry.path.pitch_rad)
+        plane = planar.level_vehicle_from_cam(odometry.pitch_rad)
         present = _Present(scene, past, tracked, times_s, futures, plane)
         self._state = _State(added, False, present)
         return PushReport(status, seconds)
@@ -301,7 +300,7 @@ class LivePredictor:
         self._odometry = None
         return self._observe()[0]
 
-    def _track(self, observed: Observed) -> StreamOdometry:
+    def _track(self, observed: Observed) -> MonocularRun:
         """Track the newest frame; all frames again if the scene's window in the image changed."""
         observations = observations_of(observed.context, "crop")
         camera = observations.intrinsics
@@ -309,7 +308,7 @@ class LivePredictor:
         new = slice(-1, None)
         if odometry is None or odometry.camera != camera:
             settings = self.settings
-            odometry = self._odometry = StreamOdometry(
+            odometry = self._odometry = MonocularRun(
                 settings.odometry,
                 camera,
                 self._height_m,
@@ -318,7 +317,7 @@ class LivePredictor:
             )
             new = slice(None)
         for frame, grey in zip(self._window[new], observations.greys[new], strict=True):
-            odometry.push(grey, frame.time_s)
+            odometry.push(self.settings.odometry.image(grey, frame.time_s))
         return odometry
 
     def _forecast(self, past: Trajectory) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from geovp.progress import tracked
 from geovp_classic import registry
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.interfaces import SequenceOdometry
 from geovp_classic.metrics import drift
 from geovp_classic.types import BoolArray, PrivilegedInput, Trajectory
 
@@ -64,7 +65,7 @@ def track_sequences(
 ) -> Iterator[tuple[FrameRange, TrackedPath]]:
     """Run an odometry over stretches such as "03" or "03[0:360)"; yield each with its path."""
     odometry = registry.build("odometries", spec)
-    if not hasattr(odometry, "track_sequence"):
+    if not isinstance(odometry, SequenceOdometry):
         raise Incompatible(
             f"the odometry {registry.name_of(odometry)!r} works on clips only: give "
             "--clips N, or choose an odometry that tracks whole sequences"

@@ -2,18 +2,20 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from geovp_classic.data.kitti import Kitti
+from geovp_classic.odometry.speed_prior import SpeedPrior
 
 from geovp_classic import registry
-from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
+from geovp_classic.odometry import monocular
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.monocular import Monocular, Path, longest_segment
-from geovp_classic.odometry.tracking import Image, Tracking
+from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.tracking import Image, TrackedPoses, TrackerSettings
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.odometry.windowed_map import KeyframePolicy
 from geovp_classic.types import (
@@ -26,7 +28,6 @@ from geovp_classic.types import (
     PrivilegedInput,
     Trajectory,
 )
-from geovp_classic.types.speed_prior import SpeedPrior
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
@@ -192,7 +193,7 @@ def test_a_sequence_is_tracked_in_a_window(drive: Film, camera: Intrinsics) -> N
     turns = np.radians(0.6) * np.sin(np.arange(39) / 6)
     frames, poses = drive(np.stack([[0, 0, 0.5, 0, turn, 0] for turn in turns]))
     times_s = 0.1 * np.arange(len(frames))
-    odometry = Monocular(tracking=Tracking(keyframes=KeyframePolicy(window=5)))
+    odometry = Monocular(tracking=TrackerSettings(keyframes=KeyframePolicy(window=5)))
     trajectory, tracked = odometry.track_sequence(iter(frames), times_s, camera, 1.65)
     assert len(trajectory) == len(frames)
     assert tracked.all()
@@ -202,27 +203,51 @@ def test_a_sequence_is_tracked_in_a_window(drive: Film, camera: Intrinsics) -> N
     assert np.median(translation) < 0.03
 
 
-@dataclass(frozen=True)
-class Scripted(Monocular):
-    """An odometry that tracks a given path."""
+def test_a_drive_whose_scale_remembers_few_pairs(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    """Images before the remembered pairs have the unit of the first of them."""
+    frames = straight[0]
+    odometry = Monocular(GroundPlane(max_pairs=3))
+    times_s = 0.1 * np.arange(len(frames))
+    trajectory, _ = odometry.track_sequence(iter(frames), times_s, camera, 1.65)
+    assert trajectory.is_metric
+    np.testing.assert_allclose(se3.step_lengths(trajectory.world_from_cam), 0.5, rtol=0.06)
 
-    path: tuple[FloatArray, BoolArray] | None = None  # poses, and which are tracked
 
-    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
-        assert self.path is not None
-        return Path(images, *self.path)
+class ScriptedTracker:
+    """A tracker of a given path."""
+
+    def __init__(self, path: TrackedPoses) -> None:
+        self.path = path
+
+    def push(self, image: Image) -> None:
+        """Ignore the image."""
+
+    def forget(self, num_images: int) -> None:
+        """Remember all."""
+
+    def adjust(self) -> None:
+        """Change nothing."""
+
+    def poses(self) -> TrackedPoses:
+        """Return the path."""
+        return self.path
 
 
-def scripted(path: tuple[FloatArray, BoolArray]) -> tuple[Trajectory, BoolArray]:
+def scripted(monkeypatch: pytest.MonkeyPatch, path: TrackedPoses) -> tuple[Trajectory, BoolArray]:
     """Return the result of an odometry that tracks this path of ten random images."""
+    monkeypatch.setattr(monocular, "Tracker", lambda *_: ScriptedTracker(path))
     brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
     frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
-    odometry = Scripted(scale=UnitSpeed(), path=path)
+    odometry = Monocular(scale=UnitSpeed())
     return odometry.track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
 
 
 @pytest.mark.parametrize(("lost", "restart"), [((1, 2, 3), 0), ((1, 2, 3, 4, 5, 6), 6)])
-def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], restart: int) -> None:
+def test_lost_images_are_bridged_at_constant_velocity(
+    monkeypatch: pytest.MonkeyPatch, lost: tuple[int, ...], restart: int
+) -> None:
     """Before any motion is known, the tracker leaves lost images where the one before was."""
     truth = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0.05, 0])
     poses = truth.copy()
@@ -230,12 +255,30 @@ def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], res
     poses[list(lost)] = truth[0]
     tracked[list(lost)] = False
     poses[max(lost) + 1 :] = se3.inverse(truth[restart]) @ truth[max(lost) + 1 :]
-    trajectory, marks = scripted((poses, tracked.copy()))
+    segments = np.zeros(10, dtype=int)
+    is_localised = tracked.copy()
+    if restart:
+        segments[restart:] = 1
+        is_localised[restart] = True
+    path = TrackedPoses(poses, tracked.copy(), is_localised, segments)
+    trajectory, marks = scripted(monkeypatch, path)
     tracked[0] = restart == 0
     np.testing.assert_array_equal(marks, tracked)
     motion = steps(trajectory.world_from_cam)
     np.testing.assert_allclose(motion[:, 2, 3], 1, atol=0.01)
     np.testing.assert_allclose(se3.rotation_angle_rad(motion), 0.05, atol=1e-6)
+
+
+def test_segments_with_different_units_are_not_mixed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The map is replaced at the fifth of ten images: its unit is three times shorter."""
+    poses = np.tile(np.eye(4), (10, 1, 1))
+    poses[:, 2, 3] = np.cumsum([0, 1, 1, 1, 3, 3, 3, 3, 3, 3])
+    segments = np.repeat([0, 1], [4, 6])
+    everywhere = np.ones(10, dtype=bool)
+    path = TrackedPoses(poses, everywhere, everywhere, segments)
+    trajectory, tracked = scripted(monkeypatch, path)
+    np.testing.assert_allclose(se3.step_lengths(trajectory.world_from_cam), 1.0)
+    np.testing.assert_array_equal(tracked, segments == 1)
 
 
 def street(frames: str, stride: int) -> Kitti:
@@ -274,20 +317,3 @@ def test_a_real_street_in_metres() -> None:
         lengths.append(found / truth)
     assert np.median(rotations_deg) < 0.05
     np.testing.assert_allclose(lengths, 1, atol=0.1)
-
-
-@pytest.mark.parametrize(
-    ("tracked", "expected"),
-    [
-        ("1111111111", "1111111111"),
-        ("1000010000", "1000010000"),  # localised again in the same map
-        ("1000001111", "0000011111"),  # restarted at the sixth image
-        ("1110000011", "1110000000"),  # restarted as well, but with fewer tracked images
-        ("1110011000", "1110011000"),
-        ("0000000000", "0000000000"),
-    ],
-)
-def test_the_longest_segment_of_a_path_with_gaps(tracked: str, expected: str) -> None:
-    marks = np.array([mark == "1" for mark in tracked])
-    segment = longest_segment(marks, max_bridged=4)
-    assert "".join("1" if mark else "0" for mark in segment) == expected
