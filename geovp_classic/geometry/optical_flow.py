@@ -1,6 +1,8 @@
 """Sparse tracking: pyramidal Lucas-Kanade with a forward-backward check.
 
-Lucas & Kanade 1981; Kalal et al. 2010.
+Lucas & Kanade 1981; Kalal et al. 2010. The way back must not start at the answer: a search that
+starts at the point itself often stays there, whatever the way forward found. It starts where the
+predicted motion, reversed, leads from the point that was found.
 """
 
 import functools
@@ -16,7 +18,7 @@ def track_points(
     pixels: FloatArray,  # [N, 2] in the image before, N >= 1
     predicted: FloatArray,  # [N, 2] in the image now, where the search starts
     window_px: int,
-    num_levels: tuple[int, int] = (4, 4),  # of the pyramids, there and back
+    num_levels: int = 4,  # of the pyramids
     termination: tuple[int, float] = (30, 0.01),  # iterations, pixels of a step
     max_return_px: float = 0.5,  # between a point and where tracking it back ends
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -26,20 +28,19 @@ def track_points(
     difference of their windows [N].
     """
     before, now = images
-    forward_levels, backward_levels = num_levels
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *termination)
     track = functools.partial(
         cv2.calcOpticalFlowPyrLK,
         winSize=(window_px, window_px),
+        maxLevel=num_levels - 1,
         criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     start = pixels.astype(np.float32)
     guess = predicted.astype(np.float32)
-    tracked, status, error = track(before, now, start, guess, maxLevel=forward_levels - 1)
-    returned, return_status, _ = track(
-        now, before, tracked, start.copy(), maxLevel=backward_levels - 1
-    )
+    # OpenCV writes its result to the array of guesses
+    tracked, status, error = track(before, now, start, guess.copy())
+    returned, return_status, _ = track(now, before, tracked, tracked - (guess - start))
     is_tracked = np.linalg.norm(returned - start, axis=1) < max_return_px
     is_tracked &= (status.ravel() > 0) & (return_status.ravel() > 0)
     return tracked, is_tracked, error.ravel()

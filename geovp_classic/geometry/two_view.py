@@ -71,7 +71,7 @@ class TwoViewEstimator:
         b = np.ascontiguousarray(rays_b)
         camera = np.eye(3)
         try:
-            essential, _ = cv2.findEssentialMat(
+            essential, is_inlier = cv2.findEssentialMat(
                 a,
                 b,
                 camera,
@@ -84,14 +84,19 @@ class TwoViewEstimator:
             return None
         if essential is None or essential.shape != (3, 3):
             return None
-        _, rotation, direction, *_ = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)
-        b_from_a: FloatArray = np.eye(4)
-        b_from_a[:3, :3] = rotation
-        b_from_a[:3, 3:] = direction
+        # Of four motions with this essential matrix (Hartley & Zisserman 2004, 9.6.2), inliers vote
+        # for the one with their points in front of both cameras
+        voters = is_inlier.ravel() > 0
+        _, rotation, direction, *_ = cv2.recoverPose(
+            essential, a[voters], b[voters], camera, distanceThresh=1e9
+        )
+        b_from_a = se3.compose(rotation, direction[:, 0])
+        # Refine with all inliers
         fits = np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
         if fits.mean() < self.min_inlier_fraction:
             return None
         b_from_a = refine(rays_a[fits], rays_b[fits], b_from_a, noise)
+        # Inliers of the refined motion
         distance, _ = sampson_distances(rays_a, rays_b, b_from_a)
         shift = parallax(b_from_a, rays_a, rays_b)
         essential = se3.cross_matrix(b_from_a[:3, 3]) @ b_from_a[:3, :3]

@@ -52,7 +52,8 @@ class CornerTracker:
             grey = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         strength = cv2.cornerMinEigenVal(grey, 3) * (255 / contrast) ** 2
         border = self.border_px // shrink
-        strength = np.pad(strength[border:-border, border:-border], border)
+        rows, columns = (slice(border, size - border) for size in strength.shape)
+        strength = np.pad(strength[rows, columns], border)
         is_peak = strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))
         is_peak &= strength > self.min_corner_strength
         rows, columns = np.nonzero(is_peak)
@@ -119,7 +120,7 @@ class CornerTracker:
             pixels,
             predicted,
             self.window_px,
-            (num_levels, 1),
+            num_levels,
             termination=(12, 0.02),
             max_return_px=self.max_return_px,
         )

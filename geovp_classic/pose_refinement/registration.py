@@ -50,9 +50,9 @@ class ReferenceTracker:
     tall_px: int = 256  # height of the crops for which settings were chosen
     max_return_px: float = 0.5  # forward-backward error: tracks are to be exact to a fraction of it
     # Levels of the pyramid above the image, forward and back: four halvings find 7 px as 112 px.
-    num_levels: tuple[int, int] = (4, 1)
+    num_levels: int = 4
     # With the motion of the frame before as the prediction, half of that.
-    num_predicted_levels: tuple[int, int] = (2, 1)
+    num_predicted_levels: int = 2
 
     def track(
         self,

@@ -68,6 +68,24 @@ def test_a_third_of_outliers_is_rejected() -> None:
     assert found.inliers[:100].mean() < 0.2
 
 
+def test_outliers_have_no_vote_on_the_direction() -> None:
+    """90 near points and 90 at infinity are inliers; 120 outliers move the opposite way."""
+    forward = se3.exp(np.array([0.0, 0, -1, 0, 0.01, 0]))
+    backward = se3.exp(np.array([0.0, 0, 1, 0, 0.01, 0]))
+    points = scene(0)
+    points[90:180] *= 1e4
+    rng = np.random.default_rng(1)
+    a = rays(points, np.eye(4))
+    b = rays(points, forward)
+    b[180:] = rays(points[180:], backward)
+    radial = a[180:] / np.linalg.norm(a[180:], axis=1, keepdims=True)
+    b[180:] += 0.05 * np.stack([-radial[:, 1], radial[:, 0]], axis=1)  # off the epipolar lines
+    b += rng.normal(0, NOISE, b.shape)
+    found = ESTIMATOR.estimate(a, b, NOISE)
+    assert found is not None
+    assert angle_deg(found.b_from_a[:3, 3], forward[:3, 3]) < 2
+
+
 @given(st.floats(0.005, 0.2), st.sampled_from([0, 1, 2]))
 def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
     b_from_a = se3.exp(np.concatenate([np.zeros(3), angle_rad * np.eye(3)[axis]]))

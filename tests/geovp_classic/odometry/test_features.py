@@ -106,3 +106,13 @@ def test_exposure_is_matched_only_if_it_differs() -> None:
     assert TRACKER.match_exposure(image, image) is image
     matched = TRACKER.match_exposure((image * 0.5).astype(np.uint8), image)
     assert abs(matched.astype(float).mean() - image.mean()) < 2
+
+
+def test_corners_may_lie_at_the_border() -> None:
+    image = np.zeros((64, 64), dtype=np.uint8)
+    image[:20, :20] = 255  # its corner lies at (19.5, 19.5)
+    at_border, inside = (
+        CornerTracker(border_px=border_px).detect(image) for border_px in (0, 24)
+    )
+    assert np.linalg.norm(at_border - 19.5, axis=1).min() < 1.5
+    assert len(inside) == 0
