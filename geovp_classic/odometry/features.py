@@ -14,22 +14,38 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
 class CornerTracker:
     """Shi-Tomasi corners, tracked by pyramidal Lucas-Kanade with a forward-backward check."""
 
+    # Square cells of the image with at most one corner each: at 256x256, their side is 12 px,
+    # about `window_px`, so that windows hardly overlap.
     num_features: int = 450
-    # smallest eigenvalue of a corner, for an image of variance 1 (scale of OpenCV)
+    # Smallest eigenvalue of a corner (Shi & Tomasi 1994), in the scale of OpenCV for an image
+    # with a standard deviation of 255
     min_corner_strength: float = 0.003
-    # grey values; an image with a smaller deviation has no corners
+    # Grey values; an image with a smaller deviation has no corners but those of its noise.
     min_contrast: float = 1.5
-    border_px: int = 8  # without corners
-    # wider images are searched for corners at half their size
+    # Without corners: a window of `window_px` around one has to lie in the image, and stay there.
+    border_px: int = 8
+    # Wider images are searched for corners at half their size, in a quarter of the time. They have
+    # more corners than cells at any size.
     half_size_from_px: int = 640
+    # Windows of 11 px, of 88 px on the fourth level of the pyramid: tracks without a prediction may
+    # be as long as half of that.
     window_px: int = 11
     num_levels: int = 4
-    max_return_px: float = 0.5  # of the forward-backward check
-    # standard deviation of a coordinate of a tracked corner
+    # with a prediction, which is good to a window's half width on the second level
+    num_predicted_levels: int = 2
+    # The end of the iteration: a tenth of `noise_px`, which few points need 12 steps for.
+    max_iterations: int = 12
+    min_step_px: float = 0.02
+    # Of the forward-backward check (Kalal et al. 2010): two standard deviations of the noise
+    max_return_px: float = 0.5
+    # Standard deviation of a coordinate of a tracked corner. The median error of rendered images is
+    # smaller (tests/geovp_classic/odometry/test_features.py); real windows are deformed as well.
     noise_px: float = 0.25
-    # relative change that is compensated before tracking
+    # Relative change that is compensated before tracking: eight grey values at 100, above the noise
+    # of the median and below a change that Lucas-Kanade mistakes for motion.
     min_exposure_change: float = 0.08
-    # a window may differ by this times the median difference, plus these grey values
+    # A window may differ by this times the median difference, plus these grey values, twice the
+    # noise of a camera (`RoadAligner.grey_noise`).
     max_difference_ratio: float = 3.0
     max_difference_offset: float = 4.0
     # Points found near their predictions. With fewer, the others are searched in the whole pyramid.
@@ -46,6 +62,7 @@ class CornerTracker:
         contrast = np.std(grey[::4, ::4])
         if contrast < self.min_contrast:
             return np.zeros((0, 2))
+        # Smaller eigenvalue of the structure tensor, independent of the contrast
         shrink = 1
         if grey.shape[1] >= self.half_size_from_px:
             shrink = 2
@@ -54,6 +71,7 @@ class CornerTracker:
         border = self.border_px // shrink
         rows, columns = (slice(border, size - border) for size in strength.shape)
         strength = np.pad(strength[rows, columns], border)
+        # Local maxima, the strongest first
         is_peak = strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))
         is_peak &= strength > self.min_corner_strength
         rows, columns = np.nonzero(is_peak)
@@ -86,12 +104,12 @@ class CornerTracker:
         if len(pixels) == 0:
             return np.zeros((0, 2)), np.zeros(0, dtype=bool)
         images = (self.match_exposure(before, now), now)
-        tracked, is_found = self._track(images, pixels, predicted, num_levels=2)
+        tracked, is_found = self._track(images, pixels, predicted, self.num_predicted_levels)
         if is_found.mean() < self.min_found_fraction:
             lost = ~is_found | (is_found.mean() < self.min_predicted_fraction)
-            tracked[lost], is_found[lost] = self._track(
-                images, pixels[lost], pixels[lost], self.num_levels
-            )
+            again, is_found_again = self._track(images, pixels[lost], pixels[lost], self.num_levels)
+            tracked[lost] = again
+            is_found[lost] = is_found_again
         return tracked, is_found
 
     def match_exposure(self, grey: ByteArray, reference: ByteArray) -> ByteArray:
@@ -121,9 +139,10 @@ class CornerTracker:
             predicted,
             self.window_px,
             num_levels,
-            termination=(12, 0.02),
+            termination=(self.max_iterations, self.min_step_px),
             max_return_px=self.max_return_px,
         )
+        # Points outside, and windows that differ more than others, are lost
         tracked = np.nan_to_num(tracked.astype(np.float64))
         size_px = np.array(images[1].shape[1::-1])
         is_inside = (tracked >= 2) & (tracked < size_px - 2)

@@ -1,8 +1,8 @@
 """Tracking of one camera image by image: two-view initialisation, resection, keyframes.
 
-Each image is localised by resection in a map of triangulated corners (Klein & Murray 2007; Mur-Artal
-et al. 2015). The first keyframes of a map come from two-view geometry, so that every map has its
-own unit of length. Poses with one unit form a segment.
+Each image is localised by resection in a map of triangulated corners (Klein & Murray 2007;
+Mur-Artal et al. 2015). The first keyframes of a map come from two-view geometry, so that every map
+has its own unit of length. Poses with one unit form a segment.
 """
 
 from dataclasses import dataclass
@@ -187,10 +187,15 @@ class Tracker:
         settings = self.settings
         world = self.map
         assert self._keyframe is not None
-        # A bad image: few tracks of a map were found
+        # A bad image: few tracks of a map were found, or their points contradict it. The map stays,
+        # unless image after image contradicts it.
         has_map = world.triangulated.any()
         min_found = settings.min_found_fraction * world.active.sum()
         if has_map and len(index) < min_found:
+            return None
+        num_points = world.triangulated[index].sum()
+        is_bridgeable = self._num_bridged < settings.max_bridged
+        if num_points >= settings.resection.min_inliers and is_bridgeable:
             return None
         # Two-view motion since the keyframe
         in_keyframe = world.observed[-1, index]
@@ -208,7 +213,7 @@ class Tracker:
         min_left = settings.min_reference_fraction * world.observed[-1].sum()
         few_left = motion.inliers.sum() < min_left
         initialises = motion.has_translation and self._has_parallax(motion, few_left)
-        # The map contradicts the image: it ends, and with it the unit of length
+        # The map ends, and with it the unit of length
         if has_map:
             world.keep_newest_only()
             self.segment += 1
@@ -290,7 +295,7 @@ class Tracker:
         return self.map.track_ids[index], pixels
 
     def _keyframe_is_due(self) -> bool:
-        """Return whether the last image has enough parallax, or too few of the keyframe's tracks."""
+        """Return whether the last image has enough parallax or few of the keyframe's tracks."""
         policy = self.settings.keyframes
         observed = self.map.observed[-1]
         num_shared = (self.map.active & observed).sum()

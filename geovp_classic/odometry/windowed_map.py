@@ -22,25 +22,34 @@ from geovp_classic.types import BoolArray, FloatArray, IntArray, Intrinsics
 class KeyframePolicy:
     """Choice of keyframes, and of the points that are triangulated and adjusted with them."""
 
-    window: int = 16  # keyframes of a sequence; a clip is adjusted as a whole
-    # Median shift on z = 1 since the last keyframe, beyond rotation, that makes a new one. In a
-    # clip, every image of a moving camera is a keyframe.
+    # Keyframes of a sequence; a clip is adjusted as a whole. At 1 m per keyframe, that is as far as
+    # the near points of a road are visible.
+    window: int = 16
+    # Median shift on z = 1 since the last keyframe, beyond rotation, that makes a new one: 18 px at
+    # KITTI's 720 px of focal length, about one image at 1 m per image. In a clip, every image of
+    # a moving camera is a keyframe.
     min_parallax: float = 0.025
     min_clip_parallax: float = 0.001
-    # It is at least this many standard deviations of a ray
+    # It is at least this many standard deviations of a ray: noise exceeds them once in 370 tracks.
     min_parallax_deviations: float = 3.0
-    # between the two images that initialise a map
+    # Between the two images that initialise a map: 3 px at KITTI's focal length, 12 standard
+    # deviations of a pixel, so that the depths of most points are known to a tenth.
     min_start_parallax: float = 0.004
-    # of the last keyframe's tracks; a new keyframe is due when fewer are left
+    # Of the last keyframe's tracks; a new keyframe is due when fewer are left. The next image then
+    # still shares more than the 30 % that `TrackerSettings.min_reference_fraction` asks for.
     min_shared_fraction: float = 0.6
-    # those with most observations; 0: no bundle adjustment
+    # Those with most observations: 300 points determine the 6 * 16 numbers of all poses six times
+    # over, in time that is linear in them. 0: no bundle adjustment (docs/results/parts.md).
     max_bundle_points: int = 300
-    # keyframes between bundle adjustments, until the window is full
+    # Keyframes between bundle adjustments, until the window is full. A clip is adjusted at its end
+    # again; once in between keeps its predictions good.
     adjust_every: int = 1
     adjust_every_in_clip: int = 5
-    # of a triangulated point's rays, in standard deviations
+    # Each of at least two cameras has six unknowns, each point adds four equations with three.
+    min_bundle_points: int = 8
+    # Of a triangulated point's rays, in standard deviations: its depth is known to a quarter.
     min_point_parallax: float = 4.0
-    # of an observation, in standard deviations
+    # Of an observation, in standard deviations, as `Resection.max_inlier_error`.
     max_reprojection_error: float = 5.0
 
     def __post_init__(self) -> None:
@@ -120,8 +129,10 @@ class WindowedMap:
         """Make the last image a keyframe; the oldest one leaves a full window."""
         if self.is_full:
             self._drop_oldest(1)
+        # The tracks' pixels in the last image are the observations of the new keyframe
         self.observations = np.concatenate([self.observations, self.pixels[None]])
         self.keyframes.append(Keyframe(cam_from_world))
+        # Ended tracks stay while two keyframes observe their point
         self._keep(self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2)))
 
     def add_tracks(self, pixels: FloatArray) -> None:
@@ -164,11 +175,13 @@ class WindowedMap:
         """
         index = self.adjustable()
         max_points = self.policy.max_bundle_points
-        if len(self.keyframes) <= num_fixed or min(len(index), max_points) < 8:
+        num_adjusted = min(len(index), max_points)
+        if len(self.keyframes) <= num_fixed or num_adjusted < self.policy.min_bundle_points:
             return
+        # Minimise the robust reprojection errors over poses and points
         adjusted = index[:max_points]
         others = index[max_points:]
-        poses, self.points[adjusted] = bundle_adjust(
+        poses, points = bundle_adjust(
             self.cam_from_world,
             self.points[adjusted],
             self.observations[:, adjusted],
@@ -178,6 +191,8 @@ class WindowedMap:
         )
         for keyframe, pose in zip(self.keyframes, poses, strict=True):
             keyframe.cam_from_world = pose
+        self.points[adjusted] = points
+        # The other points follow the poses
         self.points[others] = self._triangulate(others)
         self.cull()
 
@@ -185,6 +200,7 @@ class WindowedMap:
         """Discard observations with large errors, then points with fewer than two left."""
         is_outlier = self._is_outlier(self.points, self.observations)
         self.observations[is_outlier] = np.nan
+        # A point needs two observations; without it, its track ends as well
         outliers = self.triangulated & (self.observed.sum(axis=0) < 2)
         self.points[outliers] = np.nan
         self.pixels[outliers] = np.nan
@@ -194,16 +210,19 @@ class WindowedMap:
 
         A track without a point is as far away as its three neighbours in the image.
         """
+        # Depths of the tracks in the last image
         pixels = self.pixels[self.active]
         points = se3.transform(last_from_world, self.points[self.active])
         depth: FloatArray = np.maximum(points[:, 2], 1e-3)
         has_depth = np.isfinite(depth)
+        # Inverse depth is interpolated: on a plane, it is linear in the image
         if has_depth.sum() >= 3:
             _, neighbours = cKDTree(pixels[has_depth]).query(pixels[~has_depth], k=3)
             inverse_depth = 1 / depth[has_depth]
             depth[~has_depth] = 1 / inverse_depth[neighbours].mean(axis=1)
         else:
             depth[:] = 1e9  # only rotation shifts them
+        # Move the points into the new camera and project them
         points = pinhole.unproject(pixels, depth, self.camera)
         cam_from_last = cam_from_world @ se3.inverse(last_from_world)
         points = se3.transform(cam_from_last, points)
@@ -220,9 +239,11 @@ class WindowedMap:
 
     def _triangulate(self, index: IntArray) -> FloatArray:
         """Return points [M, 3]; NaN without parallax or with an error that is too large."""
+        # Linear triangulation from all keyframes that observe a track
         observations = self.observations[:, index]
         rays = self.rays(observations)
         points = triangulate(rays, self.cam_from_world)
+        # Its rays must agree, and meet at an angle that determines the depth
         is_outlier = self._is_outlier(points, observations)
         is_near = largest_parallax(rays, self.cam_from_world) > (
             self.policy.min_point_parallax * self.noise

@@ -38,12 +38,27 @@ def test_without_a_pyramid_a_long_way_needs_a_prediction() -> None:
     near = TEXTURE, shifted(14, 6)  # with two levels more it is 3.5 pixels by 1.5
     _, lost, _ = track_points(near, PIXELS, PIXELS, 15, num_levels=1)
     assert lost.mean() < 0.6
-    assert track_points(near, PIXELS, PIXELS, 15, num_levels=3)[1].mean() > 0.8
-    found, kept, _ = track_points(
-        images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=1
-    )
+    assert track_points(near, PIXELS, PIXELS, 15, num_levels=3)[1].mean() > 0.7
+    found, kept, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=1)
     assert kept.all()
     assert errors_px(found, 30, 12).max() < 0.05
+
+
+def test_the_way_back_does_not_start_at_the_answer() -> None:
+    """Without a pyramid, many points of fine textures end at a wrong place after 6 pixels.
+
+    Of all points, 5.8 % are accepted there; 8.9 % if the way back starts at the point itself.
+    """
+    columns, rows = np.meshgrid(np.arange(60.0, 260, 8), np.arange(60.0, 180, 8))
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
+    is_wrong = []
+    for seed in range(6):
+        fine = np.random.default_rng(seed).integers(0, 256, (240, 320), dtype=np.uint8)
+        fine = np.array(cv2.equalizeHist(cv2.GaussianBlur(fine, (0, 0), 1.5)))
+        now = np.roll(fine, 6, axis=1)
+        found, kept, _ = track_points((fine, now), pixels, pixels, 15, num_levels=1)
+        is_wrong.append(kept & (np.linalg.norm(found - pixels - [6, 0], axis=1) > 1))
+    assert np.mean(is_wrong) < 0.07
 
 
 def test_given_pixels_are_left_as_they_are() -> None:

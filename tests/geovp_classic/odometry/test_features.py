@@ -41,7 +41,7 @@ def test_a_wrong_prediction_falls_back_to_the_whole_pyramid() -> None:
     pixels = corners(before)
     tracked, found = TRACKER.track(before, now, pixels, pixels - [20, 0])
     assert (np.abs(tracked - pixels - [8, 0]).max(axis=1)[found] < 0.5).mean() > 0.9
-    assert found.mean() > 0.8
+    assert found.mean() > 0.75
 
 
 @pytest.mark.parametrize("gain", [0.4, 0.7, 1.3])
@@ -111,8 +111,6 @@ def test_exposure_is_matched_only_if_it_differs() -> None:
 def test_corners_may_lie_at_the_border() -> None:
     image = np.zeros((64, 64), dtype=np.uint8)
     image[:20, :20] = 255  # its corner lies at (19.5, 19.5)
-    at_border, inside = (
-        CornerTracker(border_px=border_px).detect(image) for border_px in (0, 24)
-    )
+    at_border, inside = (CornerTracker(border_px=border_px).detect(image) for border_px in (0, 24))
     assert np.linalg.norm(at_border - 19.5, axis=1).min() < 1.5
     assert len(inside) == 0
