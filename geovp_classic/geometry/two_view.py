@@ -33,13 +33,21 @@ class TwoView:
 class TwoViewEstimator:
     """Selection of the simplest motion that explains the points of two images."""
 
+    # As many as determine a linear solution (Hartley & Zisserman 2004, chapter 11); five determine
+    # the motion itself.
     min_points: int = 8
-    max_inlier_error: float = 3.0  # standard deviations of the noise
-    # inliers of a motion without translation; the others may be moving objects
+    # Standard deviations of the noise, 99.7 % of normal distances from an epipolar line
+    max_inlier_error: float = 3.0
+    # Inliers of a motion without translation, which is preferred as the simplest. The others may be
+    # moving objects.
     min_static_fraction: float = 0.7
-    min_inlier_fraction: float = 0.4  # of a general motion
-    # of the inliers, in front of both cameras
+    # Of a general motion, as in `Resection`
+    min_inlier_fraction: float = 0.4
+    # Of the inliers, in front of both cameras: a wrong motion has half of them there.
     min_in_front_fraction: float = 0.6
+    # Random samples. Of five points among 40 % inliers, one in 100 is without outliers.
+    num_samples: int = 1000
+    sampling_confidence: float = 0.9999
 
     def estimate(
         self,
@@ -76,9 +84,9 @@ class TwoViewEstimator:
                 b,
                 camera,
                 cv2.USAC_MAGSAC,
-                prob=0.9999,
+                prob=self.sampling_confidence,
                 threshold=max_error,
-                maxIters=1000,
+                maxIters=self.num_samples,
             )
         except cv2.error:  # all samples are degenerate
             return None
@@ -101,7 +109,8 @@ class TwoViewEstimator:
         shift = parallax(b_from_a, rays_a, rays_b)
         essential = se3.cross_matrix(b_from_a[:3, 3]) @ b_from_a[:3, :3]
         mask = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)[3]
-        # rays that are parallel within the noise meet in front or behind by chance
+        # Points behind a camera are outliers, unless their rays are parallel within the noise: those
+        # meet in front or behind by chance
         in_front = (mask[:, 0] > 0) | (shift < max_error)
         inliers = in_front & (np.abs(distance) < max_error)
         if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):

@@ -41,19 +41,27 @@ class FocalLength:
 class FocalLengthEstimator:
     """Search of the focal length that bundle adjustment leaves unchanged."""
 
-    window: int = 30  # images; 3 s at KITTI's rate
-    # of a window; shorter ones agree with wrong focal lengths too often
+    # Images of a window: 3 s at KITTI's rate, of a turn or of the bends of a street
+    window: int = 30
+    # Of a window; half as many agree with wrong focal lengths too often.
     min_images: int = 15
-    # focal lengths by image width, for views of 110 to 33 degrees
+    # Focal lengths by image width, for fields of view of 110 to 33 degrees, from action
+    # cameras to short telephoto lenses
     start_ratios: tuple[float, ...] = (0.35, 0.6, 1.0, 1.7)
-    max_rounds: int = 4  # of the search between two of these
-    max_step: float = 0.01  # of the logarithm, which ends the search
-    # of the logarithm; errors on KITTI times slope are 0.006 (rms)
+    # Of the search between two of these (regula falsi); each takes a bundle adjustment.
+    max_rounds: int = 4
+    # Of the logarithm, which ends the search: less than half of `systematic_error`
+    max_step: float = 0.01
+    # Of the logarithm. Errors on KITTI times slope are 0.006 (rms).
     step_noise: float = 0.008
-    # relative, by a principal point that is not at the centre
+    # Relative, by a principal point that is not at the centre. On 22 windows of 30 frames of KITTI
+    # the error is at most 6.5 %, which is 2.6 times this.
     systematic_error: float = 0.025
+    # A focal length and the poses of fewer keyframes fit any tracks.
     min_keyframes: int = 5
-    num_points: int = 500  # with most observations, in the bundle adjustment
+    # With most observations, in the bundle adjustment: more than the odometry's, since it is not
+    # repeated at every keyframe.
+    num_points: int = 500
     tracking: TrackerSettings = TrackerSettings()
 
     @single_threaded_blas
@@ -66,6 +74,7 @@ class FocalLengthEstimator:
         informative = [root for root in roots if root is not None]
         if not informative:
             return None
+        # Weighted mean of all windows; its variance covers their scatter
         logs, sds = np.array(informative).T
         weight = 1 / sds**2
         mean = float(np.average(logs, weights=weight))
@@ -94,12 +103,14 @@ class FocalLengthEstimator:
             adjusted_px = self._adjusted_focal(images, camera)
             return float(np.log(adjusted_px)) - log_focal
 
+        # Bracket the zero: the step is positive for short focal lengths, then negative
         starts = np.log(np.multiply(self.start_ratios, width)).tolist()
         starts = [start for start in starts if np.isfinite(step(start))]
         is_longer = [step(start) > 0 for start in starts]
         num_longer = sum(is_longer)
         if not 0 < num_longer < len(starts) or not all(is_longer[:num_longer]):
             return None
+        # Regula falsi; the step's slope tells how well the zero is determined
         low, high = starts[num_longer - 1 : num_longer + 1]
         slope = (step(low) - step(high)) / (high - low)
         for _ in range(self.max_rounds):

@@ -18,8 +18,8 @@ class Resection:
     # Standard deviations of the noise; a Rayleigh-distributed error exceeds it once in 3e5 points,
     # which leaves room for errors of the points themselves.
     max_inlier_error: float = 5.0
-    # Inliers of the guess that make random samples unnecessary: more than half, so that no other
-    # pose has as many, and a tenth more for points that are inliers of both.
+    # Inliers of the guess that make random samples unnecessary: more than half, so that another
+    # pose has fewer, and a tenth more for points that are inliers of both.
     min_sampling_fraction: float = 0.6
     # Four times the three points that determine a pose, so that no chance fits them.
     min_inliers: int = 12
@@ -28,9 +28,10 @@ class Resection:
     # Quantile of the errors that the scale of the weights starts at: of the inliers, even if they
     # are no more than `min_inlier_fraction`.
     scale_quantile: float = 0.3
-    # Rounds of Gauss-Newton, for the scale to shrink from a wrong prediction; 5 are typical.
+    # Rounds of Gauss-Newton, for the scale to shrink from a wrong prediction: on 03[0, 60) of KITTI,
+    # the median is 10 and the maximum 18.
     max_rounds: int = 20
-    # Largest entry of the last step, in standard deviations of the noise: nobody sees less.
+    # Largest entry of the last step, in standard deviations of the noise
     min_step: float = 0.02
     # Random samples, for a sample of four points without outliers among 60 % outliers: in 500
     # samples there is none with a probability of 2e-6 (Fischler & Bolles 1981).

@@ -35,13 +35,13 @@ class TrackerSettings:
     keyframes: KeyframePolicy = KeyframePolicy()
     two_view: TwoViewEstimator = TwoViewEstimator()
     resection: Resection = Resection()
-    # Corners or inliers that a map is initialised with. Resection needs 12 of them, and about half
+    # Corners or inliers that a map is initialised with. Resection needs 12 of them, and up to 40 %
     # are lost before the next keyframe.
     min_start_points: int = 30
     # Inliers of a motion relative to a keyframe: the camera's motion is that of the majority.
     min_start_fraction: float = 0.5
     # Inliers among a reference keyframe's points; with fewer left a new reference is chosen. The
-    # same fraction of tracks makes predictions wrong, see `CornerTracker`.
+    # same fraction as `CornerTracker.min_predicted_fraction`.
     min_reference_fraction: float = 0.3
     # Parallax that initialises a map from a reference with few points left, in standard deviations
     # of a ray. Depth has a relative error of 1 / 4, as with `KeyframePolicy.min_point_parallax`.

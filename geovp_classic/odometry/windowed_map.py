@@ -33,13 +33,13 @@ class KeyframePolicy:
     # It is at least this many standard deviations of a ray: noise exceeds them once in 370 tracks.
     min_parallax_deviations: float = 3.0
     # Between the two images that initialise a map: 3 px at KITTI's focal length, 12 standard
-    # deviations of a pixel, so that the depths of most points are known to a tenth.
+    # deviations of a pixel, so that the depths of most points are known to about a tenth.
     min_start_parallax: float = 0.004
     # Of the last keyframe's tracks; a new keyframe is due when fewer are left. The next image then
     # still shares more than the 30 % that `TrackerSettings.min_reference_fraction` asks for.
     min_shared_fraction: float = 0.6
-    # Those with most observations: 300 points determine the 6 * 16 numbers of all poses six times
-    # over, in time that is linear in them. 0: no bundle adjustment (docs/results/parts.md).
+    # Those with most observations: 300 points in all keyframes are 9,600 equations for 996 unknowns,
+    # and time is linear in them. 0: no bundle adjustment (docs/results/parts.md).
     max_bundle_points: int = 300
     # Keyframes between bundle adjustments, until the window is full. A clip is adjusted at its end
     # again; once in between keeps its predictions good.

@@ -6,7 +6,8 @@ import numpy as np
 
 from geovp_classic.errors import BadData
 
-MIN_SPREAD = 0.2  # relative standard deviation from which a scale counts as assumed, not measured
+# Relative standard deviation from which a scale counts as assumed: twice that of measured ones
+MIN_SPREAD = 0.2
 
 
 @dataclass(frozen=True)
