@@ -109,8 +109,8 @@ class TwoViewEstimator:
         shift = parallax(b_from_a, rays_a, rays_b)
         essential = se3.cross_matrix(b_from_a[:3, 3]) @ b_from_a[:3, :3]
         mask = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)[3]
-        # Points behind a camera are outliers, unless their rays are parallel within the noise: those
-        # meet in front or behind by chance
+        # Points behind a camera are outliers, unless their rays are parallel within the noise:
+        # those meet in front or behind by chance
         in_front = (mask[:, 0] > 0) | (shift < max_error)
         inliers = in_front & (np.abs(distance) < max_error)
         if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):

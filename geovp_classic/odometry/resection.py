@@ -28,8 +28,8 @@ class Resection:
     # Quantile of the errors that the scale of the weights starts at: of the inliers, even if they
     # are no more than `min_inlier_fraction`.
     scale_quantile: float = 0.3
-    # Rounds of Gauss-Newton, for the scale to shrink from a wrong prediction: on 03[0, 60) of KITTI,
-    # the median is 10 and the maximum 18.
+    # Rounds of Gauss-Newton, for the scale to shrink from a wrong prediction: on 03[0, 60) of
+    # KITTI, the median is 10 and the maximum 18.
     max_rounds: int = 20
     # Largest entry of the last step, in standard deviations of the noise
     min_step: float = 0.02

@@ -29,9 +29,9 @@ class RoadMeasurement:
 class RoadAligner:
     """Search and direct alignment of the road in two images (Irani & Anandan 1999)."""
 
-    # Part of the road that is used, in camera heights. Nearer, the hood or the image's end hides it.
-    # Farther, a pitch of .25 degrees changes its distance by 4 % and more. The width is 2.8 heights,
-    # 4.6 m at KITTI's: a lane and its margins.
+    # Part of the road that is used, in camera heights. Nearer, the hood or the image's end hides
+    # it. Farther, a pitch of .25 degrees changes its distance by 4 % and more. The width is 2.8
+    # heights, 4.6 m at KITTI's: a lane and its margins.
     min_distance: float = 2.5
     max_distance: float = 10.0
     half_width: float = 1.4

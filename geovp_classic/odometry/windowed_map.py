@@ -38,8 +38,8 @@ class KeyframePolicy:
     # Of the last keyframe's tracks; a new keyframe is due when fewer are left. The next image then
     # still shares more than the 30 % that `TrackerSettings.min_reference_fraction` asks for.
     min_shared_fraction: float = 0.6
-    # Those with most observations: 300 points in all keyframes are 9,600 equations for 996 unknowns,
-    # and time is linear in them. 0: no bundle adjustment (docs/results/parts.md).
+    # Those with most observations: 300 points in all keyframes are 9,600 equations for 996
+    # unknowns, and time is linear in them. 0: no bundle adjustment (docs/results/parts.md).
     max_bundle_points: int = 300
     # Keyframes between bundle adjustments, until the window is full. A clip is adjusted at its end
     # again; once in between keeps its predictions good.
