@@ -12,7 +12,7 @@ import numpy as np
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
-from geovp_classic.odometry.resection import refine_pose
+from geovp_classic.odometry.resection import Resection
 from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.types import FloatArray
 from performance import Comparison
@@ -88,7 +88,7 @@ def resection(scene: Scene) -> Comparison:
 
     return Comparison(
         "resection",
-        lambda: refine_pose(scene.points, scene.with_outliers, guess, scene.noise),
+        lambda: Resection().refine(scene.points, scene.with_outliers, guess, scene.noise),
         "pycolmap",
         rival,
         lambda pose: distance(pose, truth),

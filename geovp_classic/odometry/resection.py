@@ -50,13 +50,13 @@ class Resection:
             return None
         max_error = self.max_inlier_error * noise
         # Refine the guess
-        pose = self._refined(points, rays, guess, noise)
+        pose = self.refine(points, rays, guess, noise)
         inliers = reprojection_errors(points, rays, pose) < max_error
         # Few inliers: the guess may be far off; refine the best of random samples instead
         if inliers.mean() < self.min_sampling_fraction:
             sampled = self._sample_pose(points, rays, max_error)
             if sampled is not None:
-                other = self._refined(points, rays, sampled, noise)
+                other = self.refine(points, rays, sampled, noise)
                 other_inliers = reprojection_errors(points, rays, other) < max_error
                 if other_inliers.sum() > inliers.sum():
                     pose = other
@@ -66,7 +66,7 @@ class Resection:
             return None
         return pose, inliers
 
-    def _refined(
+    def refine(
         self,
         points: FloatArray,  # [N, 3]
         rays: FloatArray,  # [N, 2]
