@@ -49,7 +49,7 @@ class ReferenceTracker:
     window_px: int = 15
     tall_px: int = 256  # height of the crops for which settings were chosen
     max_return_px: float = 0.5  # forward-backward error: tracks are to be exact to a fraction of it
-    # Levels of the pyramid above the image, forward and back: four halvings find 7 px as 112 px.
+    # Levels of the pyramid above the image, four halvings find 7 px as 112 px.
     num_levels: int = 4
     # With the motion of the frame before as the prediction, half of that.
     num_predicted_levels: int = 2
