@@ -81,7 +81,8 @@ class Multiview:
                 f"multiview: frames {self.frames} of {num_past} observed ones: choose from "
                 f"-{num_past} to -1"
             )
-        greys, camera = self._bounded(observations_of(context, "crop"))
+        observations = observations_of(context, "crop")
+        greys, camera = self._bounded(observations)
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
         poses = past.world_from_cam
@@ -95,6 +96,8 @@ class Multiview:
             if depth_map is not None:
                 inverse_depths[step] = _enlarged(depth_map[0], context.intrinsics)
                 confidence[step] = _enlarged(depth_map[1], context.intrinsics)
+        if observations.mask is not None:
+            confidence[:, observations.mask] = 0  # no part of the scene
         return inverse_depths, confidence
 
     def _bounded(self, observations: Observations) -> tuple[ByteArray, Intrinsics]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
+from geovp_classic.observation.camera_fixed import CameraFixedDetection
 from geovp_classic.observation.frame_screening import FrameScreening
 from geovp_classic.observation.scene_mask import (
     SceneMasking,
@@ -61,9 +62,13 @@ class Observer:
 
     screening: FrameScreening = FrameScreening()
     masking: SceneMasking = SceneMasking()
-    # Image file, nonzero where no scene is shown, in addition to what is detected. It is of the
-    # uncropped frames if the clip has them, else of the frames, in any size.
+    # None: no pixels are taken for camera-fixed.
+    camera_fixed: CameraFixedDetection | None = CameraFixedDetection()
+    # Image file, nonzero where no scene is shown. It is of the uncropped frames if the clip has
+    # them, else of the frames, in any size.
     mask: Path | None = None
+    # whether the file adds to the detected camera-fixed pixels or replaces them
+    mask_mode: Literal["add", "replace"] = "add"
     # Of the height and the width that the mask must leave free. Set by hand.
     min_scene_fraction: float = 0.25
     # Resolution of uncropped frames over that of the crop: KITTI's has 1.44 times the pixels of a
@@ -89,7 +94,8 @@ class Observer:
             mask |= _warped(drawn, whole, context.intrinsics)
             full_mask = None if full_mask is None else full_mask | drawn
 
-        # The crop, its camera and everything per pixel, reduced to the scene.
+        # The crop, its camera and everything per pixel, reduced to the scene. The window excludes
+        # bars and hoods; masked pixels inside it remain marked.
         window = self._window(mask)
         reduced = _windowed(context, window)
         for field in ("past_depths", "future_frames"):
@@ -97,7 +103,9 @@ class Observer:
             if images is not None:
                 reduced = replace(reduced, **{field: images[:, *window]})
         camera = reduced.intrinsics
-        observations = Observations(reduced.frames, greys[:, *window], is_usable, camera)
+        observations = Observations(
+            reduced.frames, greys[:, *window], is_usable, camera, mask[window]
+        )
         reduced = replace(reduced, observations=observations)
         # The same of the uncropped frames, at the resolution that pays.
         if full is not None and full_mask is not None:
@@ -108,7 +116,9 @@ class Observer:
                 reduced,
                 full=full,
                 future_full=future_full and _windowed(future_full, full_window),
-                full_observations=self.full_observations(full, camera, full_usable),
+                full_observations=self.full_observations(
+                    full, camera, full_usable, full_mask[full_window]
+                ),
             )
         return Observed(reduced, mask, full_mask, context)
 
@@ -121,7 +131,9 @@ class Observer:
         inside = np.ascontiguousarray(greys[:, *content])
         is_usable = self.screening.usable(inside)
         mask = np.ones(greys.shape[1:], bool)
-        mask[content] = self.masking.ego_vehicle(inside[is_usable])
+        mask[content] = False
+        if self.camera_fixed is not None and (self.mask is None or self.mask_mode == "add"):
+            mask[content] = self.camera_fixed.detect(inside[is_usable])
         return mask, is_usable
 
     def _window(self, mask: BoolArray) -> Window:
@@ -137,7 +149,11 @@ class Observer:
         return rows, columns
 
     def full_observations(
-        self, full: ExtraView, crop: Intrinsics, is_usable: BoolArray
+        self,
+        full: ExtraView,
+        crop: Intrinsics,
+        is_usable: BoolArray,
+        mask: BoolArray | None = None,  # [H', W'], pixels that do not show the scene
     ) -> Observations:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
@@ -146,7 +162,10 @@ class Observer:
         height_px = max(1, round(native.height_px * scale * crop.fy_px / native.fy_px))
         frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in full.frames])
         camera = native.resized(width_px, height_px)
-        return Observations(frames, _greys(frames), is_usable, camera)
+        if mask is not None:
+            size_px = (width_px, height_px)
+            mask = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+        return Observations(frames, _greys(frames), is_usable, camera, mask)
 
 
 def observations_of(context: Context, frames: ImageStream) -> Observations:

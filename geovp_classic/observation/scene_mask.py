@@ -1,8 +1,4 @@
-"""Mask of non-scene pixels: letterbox bars, the ego vehicle, and a mask drawn by the user.
-
-Parts of the ego vehicle, such as the hood, stay in place below a lasting edge while the rest of the
-image moves. To a reconstruction they are a surface that moves with the camera.
-"""
+"""Mask of non-scene pixels: letterbox bars, camera-fixed pixels, and a mask drawn by the user."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +15,7 @@ Window = tuple[slice, slice]  # rows and columns
 
 @dataclass(frozen=True)
 class SceneMasking:
-    """Detection of letterbox bars and the ego vehicle; grey values are 0..255."""
+    """Detection of letterbox bars; grey values are 0..255."""
 
     max_bar_grey: float = 20.0  # brightest pixel of a bar
     # Of a bar, over that of the image; dark footage is not letterboxing.
@@ -28,22 +24,6 @@ class SceneMasking:
     # Of the height and the width, between bars.
     min_content_fraction: float = 0.5
     bar_border_px: int = 2  # blended with the bars by video coding
-    min_frames: int = 3  # fewer frames show no ego vehicle
-    min_rows: int = 64  # nor do smaller images
-    # Standard deviation of a pixel of the ego vehicle over the frames.
-    max_still_deviation: float = 3.0
-    # Mean change of the scene from the first to the last frame.
-    min_motion_difference: float = 3.0
-    max_vehicle_height_fraction: float = 0.4  # of the image
-    min_vehicle_width_fraction: float = 0.6  # of the lowest row
-    min_edge: float = 12.0  # grey values across the vehicle's border
-    # Of the frames with that edge; a shadow has one in single frames.
-    min_edge_frames_fraction: float = 0.75
-    edge_margin_px: int = 3  # to both sides of the border
-    # The border rises by at most this fraction of the height above its
-    # quantile; what rises more is smooth road.
-    max_rise_fraction: float = 0.03
-    rise_quantile: float = 1 / 3
 
     def content_window(
         self,
@@ -52,55 +32,6 @@ class SceneMasking:
         """Return the rows and columns between letterbox bars."""
         brightest = greys.max(axis=0)
         return self._content_lines(brightest), self._content_lines(brightest.T)
-
-    def ego_vehicle(
-        self,
-        greys: ByteArray,  # [P, H, W], usable frames
-    ) -> BoolArray:
-        """Return the mask [H, W] of what stays in place at the bottom while the rest moves."""
-        nothing = np.zeros(greys.shape[1:], bool)
-        height = len(nothing)
-        margin_px = self.edge_margin_px
-        if len(greys) < self.min_frames or height < self.min_rows:
-            return nothing
-        bottom = greys[:, -margin_px:].mean(axis=1)
-        is_still = bottom.std(axis=0) < self.max_still_deviation
-        if is_still.mean() < self.min_vehicle_width_fraction:
-            return nothing
-
-        mask = self._still_region(greys.astype(np.float32))
-        columns = np.flatnonzero(mask.any(axis=0))
-        if mask[-1].mean() < self.min_vehicle_width_fraction:
-            return nothing
-        border = mask.argmax(axis=0)[columns]
-        if border.min() <= margin_px:
-            return nothing
-        lowest = np.minimum(border + margin_px, height - 1)
-        above = greys[:, border - margin_px, columns].astype(np.float32)
-        below = greys[:, lowest, columns].astype(np.float32)
-        edges = np.median(np.abs(above - below), axis=1)  # of each frame
-        edge = np.quantile(edges, 1 - self.min_edge_frames_fraction)
-        motion = cv2.absdiff(greys[-1], greys[0])[~mask].mean()
-        is_vehicle = edge >= self.min_edge and motion >= self.min_motion_difference
-        return mask if is_vehicle else nothing
-
-    def _still_region(self, greys: ByteArray) -> BoolArray:
-        """Return the mask [H, W] of the still region at the bottom, without holes."""
-        height = greys.shape[1]
-        first = round(height * (1 - self.max_vehicle_height_fraction))
-        still = np.zeros(greys.shape[1:], np.uint8)
-        still[first:] = greys[:, first:].std(axis=0) < self.max_still_deviation
-        closed = cv2.morphologyEx(still, cv2.MORPH_CLOSE, np.ones((5, 5)))
-        labels = cv2.connectedComponents(closed)[1]
-        region = labels == np.bincount(labels[-1]).argmax()
-        region &= closed > 0
-        columns = np.flatnonzero(region.any(axis=0))
-        if len(columns) == 0:
-            return region
-        tops = np.where(region.any(axis=0), region.argmax(axis=0), height)
-        highest = np.quantile(tops[columns], self.rise_quantile)
-        tops = np.maximum(tops, highest - self.max_rise_fraction * height)
-        return np.asarray(np.arange(height)[:, None] >= tops)
 
     def _content_lines(self, brightest: ByteArray) -> slice:
         """Return the rows between bars at the top and the bottom of an image [H, W]."""
@@ -145,14 +76,15 @@ def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
 
 
 def scene_window(mask: BoolArray) -> Window:
-    """Return the columns and rows of a scene mask [H, W] that are nearly free of it.
+    """Return the rows and columns of a scene mask [H, W] that show the scene.
 
-    Columns are masked by at most three quarters, rows between them by at most a twentieth.
+    Columns are masked by at most three quarters, rows between them by at most a half. Other masked
+    pixels, such as those of a time stamp, stay in the window.
     """
     height = len(mask)
     columns = _longest_run(mask.sum(axis=0) <= 3 / 4 * height)
     between = mask[:, columns]
-    rows = _longest_run(between.sum(axis=1) <= between.shape[1] / 20)
+    rows = _longest_run(between.sum(axis=1) <= between.shape[1] / 2)
     return rows, columns
 
 

@@ -57,8 +57,11 @@ class CornerTracker:
         if self.num_features < 50:
             raise BadData(f"num_features is {self.num_features}: expected at least 50")
 
-    def detect(self, grey: ByteArray) -> FloatArray:
-        """Return all corners [M, 2] of an image [H, W], the strongest first."""
+    def detect(self, grey: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+        """Return all corners [M, 2] of an image [H, W], the strongest first.
+
+        Masked pixels [H, W] and their neighbours have no corners.
+        """
         contrast = np.std(grey[::4, ::4])
         if contrast < self.min_contrast:
             return np.zeros((0, 2))
@@ -76,8 +79,12 @@ class CornerTracker:
         is_peak &= strength > self.min_corner_strength
         rows, columns = np.nonzero(is_peak)
         order = np.argsort(-strength[rows, columns], kind="stable")
-        corners = np.stack([columns, rows], axis=1)[order]
-        return (corners + 0.5) * shrink - 0.5
+        corners = (np.stack([columns, rows], axis=1)[order] + 0.5) * shrink - 0.5
+        if mask is None or not mask.any():
+            return corners
+        near = cv2.dilate(mask.astype(np.uint8), np.ones((self.window_px, self.window_px)))
+        columns, rows = corners.astype(int).T
+        return corners[near[rows, columns] == 0]
 
     def select(self, corners: FloatArray, occupied: FloatArray, image: ByteArray) -> FloatArray:
         """Return the strongest corner [K, 2] of every cell without any of the `occupied` points.

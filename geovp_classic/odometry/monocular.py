@@ -61,7 +61,7 @@ class Monocular:
         times_s = context.times_s[: context.num_past]
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]
-        corners = parallel_map(self.tracking.corners.detect, greys)
+        corners = parallel_map(lambda grey: self.tracking.corners.detect(grey, view.mask), greys)
         run = MonocularRun(self, view.intrinsics, context.camera_height_m, window=len(steps))
         for image in map(Image, greys, corners, times_s[steps]):
             run.push(image)
@@ -86,9 +86,9 @@ class Monocular:
             run.push(self.image(pinhole.grey8(frame), float(time_s)))
         return run.finish(times_s)
 
-    def image(self, grey: ByteArray, time_s: float) -> Image:
-        """Return an image [H, W] with its corners."""
-        return Image(grey, self.tracking.corners.detect(grey), time_s)
+    def image(self, grey: ByteArray, time_s: float, mask: BoolArray | None = None) -> Image:
+        """Return an image [H, W] with its corners; masked pixels [H, W] have none."""
+        return Image(grey, self.tracking.corners.detect(grey, mask), time_s)
 
     def fit_scale(
         self, images: TrackedImages, intrinsics: Intrinsics, height_m: float | None

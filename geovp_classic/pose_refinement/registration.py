@@ -58,10 +58,11 @@ class ReferenceTracker:
         self,
         images: ByteArray,  # [P, H, W] grey
         reference: int,
+        mask: BoolArray | None = None,  # [H, W], pixels without corners
     ) -> tuple[FloatArray, BoolArray]:
         """Return pixels [P, N, 2] of corners in all images, and where they are visible [P, N]."""
         # Corners of the reference, in both directions of time.
-        start = self._corners(images[reference])
+        start = self._corners(images[reference], mask)
         pixels = np.tile(start, (len(images), 1, 1))
         is_visible = np.zeros(pixels.shape[:2], dtype=bool)
         is_visible[reference] = True
@@ -94,13 +95,16 @@ class ReferenceTracker:
                 before = step
         return pixels.astype(np.float64), is_visible
 
-    def _corners(self, image: ByteArray) -> FloatArray:
+    def _corners(self, image: ByteArray, mask: BoolArray | None) -> FloatArray:
         """Return corners [N, 2] of the middle of an image, the strongest first."""
         height, width = image.shape
         aspect = float(np.clip(width / height, 1, self.max_aspect))
         margin = max(0, round((width - self.max_aspect * height) / 2))
         middle = np.zeros((height, width), np.uint8)
         middle[:, margin : width - margin] = 255
+        if mask is not None:
+            kernel = np.ones((self.window_px, self.window_px))
+            middle[cv2.dilate(mask.astype(np.uint8), kernel) > 0] = 0
         max_corners = int(self.max_corners * aspect)
         spacing_px = self.spacing_fraction * height
         corners = cv2.goodFeaturesToTrack(image, max_corners, self.quality, spacing_px, mask=middle)
@@ -128,6 +132,7 @@ class ImageRegistration:
         camera: Intrinsics,
         world_from_cam: FloatArray,  # [P, 4, 4]
         reference: int,
+        mask: BoolArray | None = None,  # [H, W], pixels that do not show the scene
     ) -> FloatArray:
         """Return the adjusted poses [P, 4, 4]; that of the reference stays.
 
@@ -141,7 +146,7 @@ class ImageRegistration:
         if not given[1:, :3, 3].any():
             return world_from_cam
         # Tracks of corners; those that no other frame shows say nothing.
-        pixels, is_visible = self.tracker.track(images, reference)
+        pixels, is_visible = self.tracker.track(images, reference, mask)
         is_used = is_visible[others].any(axis=0)
         if is_used.sum() < self.min_corners:
             return world_from_cam
@@ -218,6 +223,7 @@ class Registration:
             observed.intrinsics,
             given[steps],
             reference=len(steps) - 1,
+            mask=observed.mask,
         )
         # Earlier poses keep their place relative to the first adjusted one.
         first = steps[0]

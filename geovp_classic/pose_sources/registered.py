@@ -47,6 +47,7 @@ class Registered:
             observed.intrinsics,
             np.concatenate([poses[observed.is_usable], recorded.futures[0]]),
             reference=last,
+            mask=observed.mask,
         )
         poses[observed.is_usable] = adjusted[: last + 1]
         past = replace(recorded.past, world_from_cam=poses)

@@ -75,6 +75,9 @@ class DepthFusion:
         # One cloud of all frames, each with its own image.
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
+        mask = observations_of(recent, "crop").mask
+        if mask is not None:
+            is_known &= ~mask
         # Uncropped frames are rendered at their own resolution.
         frames = recent.frames if recent.full is None else recent.full.frames
         sources = [

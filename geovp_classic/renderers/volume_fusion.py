@@ -8,6 +8,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter
+from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering.source import Source
@@ -57,6 +58,9 @@ class VolumeFusion:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
+        mask = observations_of(recent, "crop").mask
+        if mask is not None:
+            is_known &= ~mask
         poses = past.world_from_cam
         volume = self.volume.integrate(
             recent.frames, inverse_depths, is_known, recent.intrinsics, poses

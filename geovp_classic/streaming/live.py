@@ -317,7 +317,7 @@ class LivePredictor:
             )
             new = slice(None)
         for frame, grey in zip(self._window[new], observations.greys[new], strict=True):
-            odometry.push(self.settings.odometry.image(grey, frame.time_s))
+            odometry.push(self.settings.odometry.image(grey, frame.time_s, observations.mask))
         return odometry
 
     def _forecast(self, past: Trajectory) -> tuple[FloatArray, FloatArray]:

@@ -131,9 +131,13 @@ class Observations(ShortRepr):
     greys: ByteArray  # [P, H, W]
     is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
     intrinsics: Intrinsics
+    # [H, W], pixels that do not show the scene, such as a time stamp; None: no pixel
+    mask: BoolArray | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.frames)[:3]
+        if self.mask is not None:
+            store_checked(self, "mask", bool, shape[1:])
         store_checked(self, "frames", np.uint8, (*shape, 3))
         store_checked(self, "greys", np.uint8, shape)
         store_checked(self, "is_usable", bool, shape[:1])
@@ -145,6 +149,7 @@ class Observations(ShortRepr):
             self.greys[steps],
             self.is_usable[steps],
             self.intrinsics,
+            self.mask,
         )
 
 
