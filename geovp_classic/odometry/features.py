@@ -72,8 +72,9 @@ class CornerTracker:
             grey = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         strength = cv2.cornerMinEigenVal(grey, 3) * (255 / contrast) ** 2
         border = self.border_px // shrink
-        rows, columns = (slice(border, size - border) for size in strength.shape)
-        strength = np.pad(strength[rows, columns], border)
+        height, width = strength.shape
+        inside = strength[border : height - border, border : width - border]
+        strength = np.pad(inside, border)
         # Local maxima, the strongest first
         is_peak = strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))
         is_peak &= strength > self.min_corner_strength

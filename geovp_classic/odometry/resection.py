@@ -29,7 +29,7 @@ class Resection:
     # are no more than `min_inlier_fraction`.
     scale_quantile: float = 0.3
     # Rounds of Gauss-Newton, for the scale to shrink from a wrong prediction: on 03[0, 60) of
-    # KITTI, the median is 10 and the maximum 18.
+    # KITTI, the median is about 10.
     max_rounds: int = 20
     # Largest entry of the last step, in standard deviations of the noise
     min_step: float = 0.02

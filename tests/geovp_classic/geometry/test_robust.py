@@ -26,15 +26,3 @@ def test_a_line_is_found_among_outliers() -> None:
         num_rounds=30,
     )
     np.testing.assert_allclose(line, [2, 1], atol=0.02)
-
-
-def test_a_step_that_overshoots_is_halved() -> None:
-    """From x = 2, Gauss-Newton on arctan(x) jumps to 2 - 5 arctan(2) = -3.5, and farther next."""
-    root = robust.irls(
-        np.array([2.0]),
-        linearise=lambda x: (np.arctan(x), 1 / (1 + x[:, None] ** 2)),
-        retract=np.add,
-        scale=100.0,
-        num_rounds=20,
-    )
-    np.testing.assert_allclose(root, 0, atol=1e-6)
