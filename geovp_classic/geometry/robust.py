@@ -38,8 +38,8 @@ def irls(
 
     Full steps are taken even where they increase the cost: `scale` may shrink from round to round,
     and long steps at first are how a fit leaves outliers behind. Halving steps until Cauchy's cost
-    falls made poses worse: the path of 03[75, 85) of KITTI, a turn of 2.33 m, was .76 m long instead
-    of 1.82 m, and the absolute error on 06[0, 51) was .39 m instead of .37 m.
+    falls made poses worse: the path of 03[75, 85) of KITTI, 2.33 m of a turn, was .76 m long and
+    not 1.82 m, and the absolute error on 06[0, 51) was .39 m and not .37 m.
     """
     state = start
     for _ in range(num_rounds):
