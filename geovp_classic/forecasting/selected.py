@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting.constant import ConstantTurn, Hold
-from geovp_classic.forecasting.damped_turn import DampedTurn
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.past_motion import Axis
+from geovp_classic.forecasting.persistent_turn import PersistentTurn
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
@@ -56,8 +55,9 @@ class Selected:
     # Preferred where it applies; "none": never
     prior: Forecaster | None = MotionPrior()
     driving: DrivingTest = DrivingTest()
-    # Without assumptions about vehicles; the first one is used after less than `min_past` poses.
-    candidates: tuple[Forecaster, ...] = (DampedTurn(), ConstantTurn(num_steps=3), Hold())
+    # Without assumptions about vehicles; the first one is used after less than `min_past` poses. On
+    # the videos of other cameras, constant turns, velocities and stops beside it gain nothing.
+    candidates: tuple[Forecaster, ...] = (PersistentTurn(),)
     # Others must have less than this fraction of the prior's error: better by a quarter, which
     # keeps it on KITTI
     prior_ratio: float = 0.75
