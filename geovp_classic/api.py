@@ -13,11 +13,13 @@ from geovp_classic.data.layouts import detection
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.observation import Observer
+from geovp_classic.predictors.default import default_pose_source
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
 DEFAULT_HINDCAST = Hindcast()
+SHOWN_BY = {"image-motion": "the motion of the image", "last-frame": "the last frame"}
 
 logger = logging.getLogger(__name__)
 
@@ -56,11 +58,12 @@ def predict(
     context has the camera's height. `mask` is an image file that is nonzero where no scene is
     shown, such as the hood, in any size. Raises Incompatible if a privileged input is missing.
 
-    The last frame replaces a scene that does not explain the earlier frames: a warning is logged,
-    and `is_trusted` of the prediction is False. With `hindcast=None`, each scene is shown.
+    Image motion or the last frame replaces a scene that predicts the last observed frames worse
+    from the first ones: a warning is logged, and `is_trusted` of the prediction is False. With
+    `hindcast=None`, each scene is shown.
     """
     if pose_source is None:
-        pose_source = default_pose_source(context.camera_height_m)
+        pose_source = default_pose_source(context.camera_height_m is not None)
     predictor = GeometricPredictor(
         _build("pose_sources", pose_source),
         _build("renderers", renderer),
@@ -70,21 +73,11 @@ def predict(
     prediction = predictor.predict(context, num_samples)
     if not prediction.is_trusted:
         logger.warning(
-            "the scene does not explain the earlier frames, so the last frame is predicted: check "
-            "the intrinsics and times, or give hindcast=None to see the scene"
+            "the scene predicts the last observed frames worse than %s, which replaces it: check "
+            "the intrinsics and times, or give hindcast=None to see the scene",
+            SHOWN_BY[prediction.shown_by],
         )
     return prediction
-
-
-def default_pose_source(camera_height_m: float | None) -> Spec:
-    """Return the table of refined odometry with a forecast, metric if the height is given."""
-    scale = "unit-speed" if camera_height_m is None else "ground-plane"
-    odometry = {"name": "monocular", "scale": {"name": scale}}
-    return {
-        "name": "refined",
-        "source": {"name": "chained", "odometry": odometry},
-        "refinements": ["registration"],
-    }
 
 
 def evaluate(

@@ -26,7 +26,7 @@ CLASSIC_LAYERS = [
     {"streaming"},
     {"api"},
 ]
-APPLICATION_LAYERS = [{"progress", "drawing", "provenance"}, {"predict"}, {"display"}]
+APPLICATION_LAYERS = [{"progress", "drawing", "provenance"}, {"prediction"}, {"display"}]
 DATA_LAYERS = [
     {"findings"},
     {"frames"},

@@ -38,6 +38,12 @@ def draw_path(
     return cv2.polylines(drawn, [path], False, rgb, 2, cv2.LINE_AA)
 
 
+def draw_border(frame: ByteArray, rgb: tuple[int, int, int] = (255, 140, 0)) -> ByteArray:
+    """Return the frame [H, W, 3] with a border, which asks for caution."""
+    height_px, width_px = frame.shape[:2]
+    return cv2.rectangle(frame.copy(), (0, 0), (width_px - 1, height_px - 1), rgb, 2)
+
+
 def draw_warning(frame: ByteArray, warning: str, colour: str = "firebrick") -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
     image = Image.fromarray(frame)

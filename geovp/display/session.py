@@ -31,6 +31,7 @@ class Shown:
 
     panels: dict[str, ByteArray]  # [H, W, 3] each, by name
     warning: str | None  # why the late image is shown in place of a prediction
+    caution: str | None  # why the shown prediction may be wrong
     age_s: float | None  # of the late image
     confidence: float  # in [0, 1]
     is_dimming: bool = False  # of inpainted pixels
@@ -83,6 +84,7 @@ class Session:
                     while not showing.done():
                         arrived = self._channel.receive(time.monotonic())
                         if arrived:
+                            self._is_overrun = len(arrived) > 1
                             self._push(max(arrived, key=lambda sent: sent.number))
                         else:
                             time.sleep(0.005)
@@ -99,25 +101,34 @@ class Session:
             age_s = now_s - late.time_s
             panels = {f"late image, {age_s:.2f} s old": late.frame}
         warning: str | None = "no image has arrived since the start"
+        caution = None
         with suppress(Incompatible):  # before the first image, and while a push restarts
             view = self.live.view(now_s, commands)
             warning = view.warning
             if warning is None and view.age_s < 0:
                 warning = "the clock jumped: the newest image is from the future"
             if warning is None:
-                confidence = view.confidence
-                panels["predicted present"] = drawing.draw_view(view, self.is_dimming)
+                confidence, caution = view.confidence, view.caution
+                if caution is None and self._is_overrun:
+                    caution = "images arrive faster than they are processed"
+                predicted = drawing.draw_view(view, self.is_dimming)
+                if caution is not None:
+                    predicted = drawing.draw_border(predicted)
+                panels["predicted present"] = predicted
         if warning is not None:
             (frame,) = panels.values()
-            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
+            panels["late image, not predicted"] = drawing.draw_banner(
+                frame, f"WARNING: {warning}", "firebrick"
+            )
         panels["true present"] = true
-        return Shown(panels, warning, age_s, confidence, self.is_dimming)
+        return Shown(panels, warning, caution, age_s, confidence, self.is_dimming)
 
     def _restart(self) -> None:
         """Forget all images."""
         self.live.reset()
         self._channel = replace(self.channel)
         self._late: Sent | None = None  # the newest image that the predictor has
+        self._is_overrun = False  # whether images had to be dropped
 
     def _show(self, publish: Publish, stop: threading.Event) -> None:
         """Send the images of the source, and show a view at the time of each.

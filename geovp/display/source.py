@@ -11,9 +11,9 @@ from typing import Self
 import cv2
 import numpy as np
 
-from geovp.predict.camera import find_camera
-from geovp.predict.prediction import read_recording
-from geovp.predict.request import PredictionRequest, output_size
+from geovp.prediction.camera import find_camera
+from geovp.prediction.prediction import read_recording
+from geovp.prediction.request import PredictionRequest, output_size
 from geovp_classic import registry
 from geovp_classic.data.formats import bags
 from geovp_classic.data.frames.image_frames import FrameFiles

@@ -1,6 +1,7 @@
 """Extrapolation of the dense optical flow between the last observed frames."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -47,11 +48,13 @@ class FlowExtrapolation:
         flow, is_consistent = self._backward_flow(before, now)
         px_per_s = flow / np.diff(times_s)
 
-        # The place in the last frame of what each pixel will show, one step after the other.
+        # The place in the last frame of what each pixel will show, in steps of the flow's interval
         grid = pinhole.pixel_grid(last.camera).astype(np.float32)
         pixels, has_source = grid, np.ones_like(is_consistent)
         maps = []
-        steps_s = [times_s[-1], *context.times_s[context.num_past :]]
+        interval_s = float(np.diff(times_s)[0])
+        future_s = context.times_s[context.num_past :]
+        steps_s = _refined([times_s[-1], *future_s], interval_s)
         for before_s, now_s in itertools.pairwise(steps_s):
             step_px = np.asarray(px_per_s * (now_s - before_s), np.float32)
             u, v = cv2.split(grid + step_px)
@@ -66,7 +69,8 @@ class FlowExtrapolation:
             # pixels outside of the image have no source
             had_source = cv2.remap(has_source.astype(np.uint8), u, v, cv2.INTER_NEAREST)
             has_source = is_consistent & (had_source > 0)
-            maps.append((pixels, has_source))
+            if now_s in future_s:
+                maps.append((pixels, has_source))
         return warped_prediction(last, maps, self.inpainter)
 
     def _backward_flow(self, before: ByteArray, now: ByteArray) -> tuple[FloatArray, BoolArray]:
@@ -92,3 +96,12 @@ class FlowExtrapolation:
         )
         limit_px = np.hypot(self.max_inconsistency * length_px, self.max_inconsistency_px)
         return backward, inconsistency_px <= limit_px
+
+
+def _refined(times_s: Sequence[float], max_step_s: float) -> list[float]:
+    """Return increasing times with others between them, so that no step is much longer."""
+    refined = [times_s[0]]
+    for before_s, now_s in itertools.pairwise(times_s):
+        num_steps = max(1, round((now_s - before_s) / max_step_s))
+        refined += np.linspace(before_s, now_s, num_steps + 1)[1:].tolist()
+    return refined

@@ -1,18 +1,17 @@
 """The geometric predictor: a pose source and a renderer, which meet only here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_classic.interfaces import PoseSource, Renderer
-from geovp_classic.observation import Observed, Observer
-from geovp_classic.predictors.hindcast import CheckedScene, Hindcast, Verdict
+from geovp_classic.observation import Observed, Observer, observations_of
+from geovp_classic.predictors.hindcast import Hindcast, ShownScene
 from geovp_classic.types import (
     Context,
     Motion,
     Prediction,
     PrivilegedInput,
-    ShownBy,
     Trajectory,
 )
 
@@ -28,7 +27,9 @@ class GeometricPredictor:
     pose_source: PoseSource
     renderer: Renderer
     observer: Observer = Observer()
-    hindcast: Hindcast | None = Hindcast()  # None: each scene is trusted
+    # Replaces the views by image motion or by the last frame where these predict the observed
+    # frames better. None: the predictor shows its own images.
+    hindcast: Hindcast | None = None
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -50,25 +51,20 @@ class GeometricPredictor:
         """Estimate the past and future motion of the camera."""
         return self.pose_source.estimate(observed.context.only(self.pose_source.needs), num_samples)
 
-    def reconstruct(self, observed: Observed, past: Trajectory) -> CheckedScene:
+    def reconstruct(self, observed: Observed, past: Trajectory) -> ShownScene:
         """Reconstruct the scene, which depends on the past alone, and hindcast the past."""
         needs = self.renderer.needs
-        context = observed.context.only(needs)
-        scene = self.renderer.reconstruct(context, past)
-        verdict = Verdict()
-        if self.hindcast is not None:
-            verdict = self.hindcast.judge(scene, context, past)
-        return CheckedScene(
-            scene,
-            verdict,
-            observed.original.frames[-1],
-            observed.crop_mask(needs),
-            past.world_from_cam[-1],
-            observed.original.intrinsics,
-        )
+        scene = self.renderer.reconstruct(observed.context.only(needs), past)
+        usable = observed.original.observed(observations_of(observed.context, "crop").is_usable)
+        mask = observed.crop_mask(needs)
+        shown = ShownScene(scene, usable, mask, past.world_from_cam[-1])
+        if self.hindcast is None:
+            return shown
+        verdict = self.hindcast.judge(replace(self, hindcast=None), usable, mask)
+        return replace(shown, image_motion=self.hindcast.image_motion, verdict=verdict)
 
 
-def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
+def show(scene: ShownScene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
     # Views of each sampled future, with the pixels that are copies of the last frame
     times_s, camera = context.times_s[context.num_past :], context.intrinsics
@@ -82,6 +78,5 @@ def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     observed_fraction = (covered | copied).mean(axis=(2, 3))
     num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)
     tracked_fraction = motion.tracked.sum() / num_frames
-    confidence = observed_fraction * tracked_fraction * scene.agreement
-    shown_by: ShownBy = "geometry" if scene.is_trusted else "last-frame"
-    return Prediction(frames, covered, motion, confidence, shown_by, copied)
+    confidence = observed_fraction * tracked_fraction * scene.verdict.agreement
+    return Prediction(frames, covered, motion, confidence, scene.verdict.shown_by, copied)

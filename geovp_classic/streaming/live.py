@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 from scipy.interpolate import interp1d
 
@@ -15,7 +16,7 @@ from geovp_classic.observation import Observed, observations_of
 from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.predictors.hindcast import CheckedScene
+from geovp_classic.predictors.hindcast import ShownScene, Verdict
 from geovp_classic.streaming.commands import Command, commanded_poses
 from geovp_classic.streaming.settings import LiveSettings
 from geovp_classic.types import (
@@ -24,6 +25,7 @@ from geovp_classic.types import (
     Context,
     FloatArray,
     Intrinsics,
+    ShownBy,
     Trajectory,
 )
 
@@ -50,6 +52,7 @@ class LiveView:
     # Planned track of the camera on the ground, in pixels; empty without metres
     path_px: FloatArray  # [M, 2], NaN behind the camera
     path_sides_px: FloatArray  # [2, M, 2], the left and right edge of its uncertainty
+    caution: str | None = None  # why the shown prediction may be wrong
 
     @property
     def is_predicted(self) -> bool:
@@ -67,7 +70,7 @@ class _Frame:
 class _Present:
     """A scene with the motion in it; all in the world frame of its odometry."""
 
-    scene: CheckedScene
+    scene: ShownScene
     past: Trajectory
     tracked: BoolArray
     times_s: FloatArray  # [F], from the last frame on
@@ -111,7 +114,6 @@ class LivePredictor:
             Chained(self.settings.odometry, self.settings.forecaster),
             self.settings.renderer,
             self.settings.observer,
-            self.settings.hindcast,
         )
         self.reset()
 
@@ -119,6 +121,8 @@ class LivePredictor:
         """Forget all frames."""
         self._window: list[_Frame] = []  # usable ones
         self._odometry: MonocularRun | None = None
+        self._earlier: list[_Present] = []  # the last ones, the oldest first
+        self._tests: list[dict[ShownBy, float]] = []  # errors of their predictions
         self._state = _State()
 
     def push(self, frame: ByteArray, time_s: float) -> PushReport:
@@ -159,10 +163,36 @@ class LivePredictor:
             scene = self._predictor.reconstruct(observed, past)
         with _timed("forecast", seconds):
             times_s, futures = self._forecast(past)
+        with _timed("hindcast", seconds):
+            hindcast = self.settings.hindcast
+            self._test(added, scene.mask)
+            is_judged = len(self._tests) == self.settings.num_tests
+            verdict = hindcast.verdict(self._tests) if is_judged else Verdict()
+            scene = replace(scene, image_motion=hindcast.image_motion, verdict=verdict)
         plane = planar.level_vehicle_from_cam(odometry.pitch_rad)
         present = _Present(scene, past, tracked, times_s, futures, plane)
+        self._earlier = [*self._earlier, present][-self.settings.hindcast_steps :]
         self._state = _State(added, False, present)
         return PushReport(status, seconds)
+
+    def _test(self, added: _Frame, mask: BoolArray) -> None:
+        """Compare a new frame with what was predicted for its time some frames ago."""
+        settings = self.settings
+        if len(self._earlier) < settings.hindcast_steps:
+            return
+        earlier = self._earlier[0]
+        if len(earlier.past) < settings.hindcast_steps:  # too few for a scene like the present one
+            return
+        size_px = settings.hindcast.frame_size(self.intrinsics)
+        times_s = np.array([added.time_s])
+        camera = self.intrinsics.resized(*size_px)
+        predicted = earlier.scene.each(earlier.pose(times_s), times_s, camera)
+        actual = pinhole.resize(added.image, size_px)[None]
+        mask = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+        test = {
+            way: settings.hindcast.error(frames, actual, mask) for way, frames in predicted.items()
+        }
+        self._tests = [*self._tests, test][-settings.num_tests :]
 
     def _admit(self, added: _Frame) -> Status:
         """Admit a frame by its time; forget all others after a gap or a jump of the clock.
@@ -179,6 +209,7 @@ class LivePredictor:
             return "used"
         self._window = []
         self._odometry = None
+        self._earlier, self._tests = [], []
         self._state = _State(added)
         return "restarted"
 
@@ -226,20 +257,24 @@ class LivePredictor:
 
         # Render the scene from the present pose; copies of the last frame count as seen
         path, times_s = self._path(present, time_s, commands, last_from_present)
-        views = present.scene.view(path[:1], times_s[:1], self.intrinsics)
-        covered = (views.covered | present.scene.copied(path[:1], self.intrinsics))[0]
+        # A given motion is not that of the image
+        scene = replace(present.scene, verdict=Verdict()) if is_metric else present.scene
+        views = scene.view(path[:1], times_s[:1], self.intrinsics)
+        covered = (views.covered | scene.copied(path[:1], self.intrinsics))[0]
         if covered.mean() < self.settings.min_covered:
             unseen = 100 * (1 - covered.mean())
             warning = f"{unseen:.0f} % of the view was never seen"
             return replace(late, warning=warning)
 
         path_px, sides_px = self._drawn_path(present, path, times_s, is_metric)
-        agreement = present.scene.agreement * present.tracked.mean()
+        agreement = present.scene.verdict.agreement * present.tracked.mean()
+        confidence = float(covered.mean() * agreement)
         return replace(
             late,
             frame=views.frames[0],
             covered=covered,
-            confidence=float(covered.mean() * agreement),
+            confidence=confidence,
+            caution=self._caution(state, late.age_s, confidence),
             path_px=path_px,
             path_sides_px=sides_px,
         )
@@ -298,6 +333,7 @@ class LivePredictor:
         numbers = np.arange(len(self._window))[frames]
         self._window = [self._window[number] for number in numbers]
         self._odometry = None
+        self._earlier, self._tests = [], []
         return self._observe()[0]
 
     def _track(self, observed: Observed) -> MonocularRun:
@@ -353,10 +389,22 @@ class LivePredictor:
             return f"the last usable frame is {ahead_s:.1f} s old"
         if present.tracked.mean() < settings.min_tracked:
             return "the camera's motion could not be tracked"
-        if not present.scene.is_trusted:
-            return "the scene does not explain the earlier frames"
+        if present.scene.verdict.shown_by == "last-frame":
+            return "the scene does not predict the newest frames"
         if is_given and not present.past.is_metric:
             return "the scale of the scene is unknown"
+        return None
+
+    def _caution(self, state: _State, age_s: float, confidence: float) -> str | None:
+        """Return why a shown prediction may be wrong."""
+        settings = self.settings
+        present = state.present
+        if present is not None and present.scene.verdict.shown_by == "image-motion":
+            return "the motion of the image is continued, since the scene predicts it worse"
+        if age_s > settings.max_sure_age_s:
+            return f"the newest image is {age_s:.1f} s old"
+        if confidence < settings.min_sure_confidence:
+            return f"the confidence is {100 * confidence:.0f} %"
         return None
 
     def _drawn_path(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp.predict.request import PredictionRequest
+from geovp.prediction.request import PredictionRequest
 from geovp_benchmarks import cli
 from geovp_classic.errors import BadData
 from tests.benchmarks.made import write_matrix

@@ -18,7 +18,7 @@ from geovp.display.channel import Channel
 from geovp.display.commands import Driver, read_commands
 from geovp.display.session import Session, Shown
 from geovp.display.source import Source
-from geovp.predict.request import PredictionRequest
+from geovp.prediction.request import PredictionRequest
 from geovp_classic.errors import BadData
 from geovp_classic.streaming import Command, LiveView
 from geovp_classic.types import ByteArray, FloatArray

@@ -43,7 +43,7 @@ class FakeSession:
 
     def shown(self, grey: int, size_px: int = 16) -> Shown:
         panel = np.full((size_px, size_px, 3), grey, np.uint8)
-        return Shown({"late image": panel, "predicted present": panel}, None, 0.5, 0.9)
+        return Shown({"late image": panel, "predicted present": panel}, None, None, 0.5, 0.9)
 
 
 class Client:

@@ -7,8 +7,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from geovp.predict import exports
-from geovp.predict.colmap_model import build_model
+from geovp.prediction import exports
+from geovp.prediction.colmap_model import build_model
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics, Views
 

@@ -15,8 +15,8 @@ import street
 from PIL import Image
 
 from geovp.drawing import video
-from geovp.predict import exports, prediction
-from geovp.predict.request import PredictionRequest, output_size
+from geovp.prediction import exports, prediction
+from geovp.prediction.request import PredictionRequest, output_size
 from geovp.provenance import code_hash
 from geovp_benchmarks import cli
 from geovp_classic.data.formats import pose_files
@@ -240,7 +240,8 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["code"] == code_hash([street])  # all of its components are of this package
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
-    assert about["hindcast_error_ratio"] < 0.5
+    assert about["shown_by"] == "geometry"
+    assert about["hindcast_errors"]["geometry"] < about["hindcast_errors"]["last-frame"]
     predicted = cv2.imread(str(written / "frames" / "000008.png")).astype(float)
     real = cv2.resize(street.clip().frames[8][..., ::-1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((predicted - real) ** 2))

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp.display.server import Server
     from geovp.display.session import Session, write_video
     from geovp.display.source import Source
-    from geovp.predict.request import PredictionRequest
+    from geovp.prediction.request import PredictionRequest
     from geovp_classic.errors import BadData
 
     if args.out is not None and args.drive:

@@ -64,6 +64,12 @@ ARGUMENTS = {
         "--predictor SPEC": (
             "Name or TOML table of a predictor, see `geovp list`. Default: geometric."
         ),
+        "--no-fallback": option(
+            "Show geometry even where image motion or the last frame predict the observed frames "
+            "better. Default: the better one, with a warning.",
+            dest="has_fallback",
+            action="store_false",
+        ),
         "--matrix MATRIX": "Matrix of --method. Default: use the components above.",
         **shared("--method", "--device"),
     },
@@ -79,8 +85,8 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Predict, write all files and print their paths."""
-    from geovp.predict import exports, prediction
-    from geovp.predict.request import PredictionRequest
+    from geovp.prediction import exports, prediction
+    from geovp.prediction.request import PredictionRequest
     from geovp_benchmarks.matrix import schema
     from geovp_classic import registry
     from geovp_classic.errors import BadData

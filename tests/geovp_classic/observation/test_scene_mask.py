@@ -16,7 +16,6 @@ from geovp_classic.observation.camera_fixed import CameraFixedDetection
 from geovp_classic.observation.scene_mask import scene_window
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -132,9 +131,7 @@ def hooded(clip: Clip, mask: BoolArray) -> Clip:
 def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -> None:
     mask = arched(SIDE, SIDE)
     renderer = Noted()
-    predictor = GeometricPredictor(
-        GroundTruth(), renderer, hindcast=Hindcast(max_error_ratio=np.inf)
-    )
+    predictor = GeometricPredictor(GroundTruth(), renderer)
     context, _ = hooded(clip, mask).split(10, renderer.needs)
     prediction = predictor.predict(context)
     seen = renderer.context

@@ -16,7 +16,6 @@ from geovp_classic.geometry import se3
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.predictors.recorded_predictions import RecordedPredictions
 from geovp_classic.types import (
     ByteArray,
@@ -105,8 +104,7 @@ class _XAsGrey:
 
 class TestGeometricPredictor:
     def test_each_sample_is_rendered_from_its_own_future(self, context: Context) -> None:
-        unchecked = Hindcast(max_error_ratio=np.inf)
-        predictor = GeometricPredictor(_Spread(), _XAsGrey(), hindcast=unchecked)
+        predictor = GeometricPredictor(_Spread(), _XAsGrey())
         prediction = predictor.predict(context, num_samples=5)
         assert prediction.frames.shape == (5, NUM_FUTURE, HEIGHT, WIDTH, 3)
         assert prediction.frames[:, 0, 0, 0, 0].tolist() == [10, 20, 30, 40, 50]

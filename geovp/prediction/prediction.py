@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from geovp.predict.camera import Camera, find_camera
-from geovp.predict.request import PredictionRequest, output_size
+from geovp.prediction.camera import Camera, find_camera
+from geovp.prediction.request import PredictionRequest, output_size
 from geovp.progress import announce
 from geovp.provenance import code_hash, versions
 from geovp_classic import registry
-from geovp_classic.api import evaluate
+from geovp_classic.api import SHOWN_BY, evaluate
 from geovp_classic.data.formats import bags
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.layouts.folder import Folder
@@ -24,7 +24,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.geometric import GeometricPredictor, show
-from geovp_classic.predictors.hindcast import CheckedScene
+from geovp_classic.predictors.hindcast import ShownScene
 from geovp_classic.types import (
     ByteArray,
     Context,
@@ -47,7 +47,7 @@ class Predicted:
     context: Context
     first: int  # number of the first observed frame
     prediction: Prediction
-    scene: CheckedScene | None  # of a geometric predictor
+    scene: ShownScene | None  # of a geometric predictor
     actual: ByteArray  # [F' <= F, H, W, 3], recorded future frames
 
     @property
@@ -75,10 +75,11 @@ class Predicted:
                 f"the motion does not tell the focal length: {self.camera.fov_deg:.0f} degrees are "
                 "assumed; give --fov, --calibration or --intrinsics"
             )
-        if self.scene is not None and not self.scene.is_trusted:
+        if not self.prediction.is_trusted:
             yield (
-                "the scene does not explain earlier frames, so the last frame is predicted: check "
-                "the intrinsics and --fps"
+                "the scene predicts the last observed frames worse than "
+                f"{SHOWN_BY[self.prediction.shown_by]}, which replaces it: check the intrinsics "
+                "and the times, or give --no-fallback"
             )
         motion = self.prediction.motion
         if motion is None:
@@ -120,7 +121,8 @@ class Predicted:
                 "off_axis_deg": off_axis_deg(motion),
             }
         if scene is not None:
-            about["hindcast_error_ratio"] = scene.error_ratio
+            about["shown_by"] = self.prediction.shown_by
+            about["hindcast_errors"] = dict(scene.verdict.errors)
             about["scene_mask_fraction"] = scene.mask.mean()
         return about
 
@@ -218,7 +220,7 @@ def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:
 
 def _run(
     predictor: FramePredictor, context: Context, num_samples: int
-) -> tuple[Prediction, CheckedScene | None]:
+) -> tuple[Prediction, ShownScene | None]:
     """Return the prediction, and the scene of a geometric predictor."""
     if not isinstance(predictor, GeometricPredictor):
         announce("predicting", 1)

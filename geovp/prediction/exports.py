@@ -13,12 +13,12 @@ import numpy.typing as npt
 from geovp.drawing import video
 from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
-from geovp.predict.colmap_model import build_model
-from geovp.predict.prediction import Predicted
+from geovp.prediction.colmap_model import build_model
+from geovp.prediction.prediction import Predicted
 from geovp_classic.atomic import atomic_write
 from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
-from geovp_classic.predictors.hindcast import CheckedScene
+from geovp_classic.predictors.hindcast import ShownScene
 from geovp_classic.types import FloatArray, Motion, Trajectory
 
 
@@ -107,7 +107,7 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
 
 
 def _write_scene(
-    predicted: Predicted, scene: CheckedScene, motion: Motion, names: Sequence[str], folder: Path
+    predicted: Predicted, scene: ShownScene, motion: Motion, names: Sequence[str], folder: Path
 ) -> None:
     """Write depth maps, the cloud and the COLMAP model of the first sample."""
     context, past, future = predicted.context, motion.past, motion.futures[0]

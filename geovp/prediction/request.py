@@ -7,10 +7,11 @@ from typing import Any
 from pydantic.dataclasses import dataclass
 
 from geovp_classic import registry
-from geovp_classic.api import default_pose_source
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
+from geovp_classic.predictors.default import default_pose_source
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.types import Intrinsics
 
 Spec = dict[str, Any] | str
@@ -39,6 +40,7 @@ class PredictionRequest:
     mask: Path | None = None
     device: str | None = None
     topic: str | None = None  # of images, if a bag has several
+    has_fallback: bool = True  # by image motion or the last frame, where they predict better
 
     @property
     def has_camera(self) -> bool:
@@ -70,10 +72,11 @@ class PredictionRequest:
     def _build(self) -> FramePredictor:
         if self.predictor is not None:
             return registry.build("predictors", self.predictor, "--predictor")
-        pose_source = self.pose_source or default_pose_source(self.camera_height_m)
+        pose_source = self.pose_source or default_pose_source(self.camera_height_m is not None)
         return GeometricPredictor(
             registry.build("pose_sources", pose_source, "--pose-source"),
             registry.build("renderers", self.renderer or "depth-fusion", "--renderer"),
+            hindcast=Hindcast() if self.has_fallback else None,
         )
 
 

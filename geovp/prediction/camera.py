@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geovp.predict.request import PredictionRequest, output_size
+from geovp.prediction.request import PredictionRequest, output_size
 from geovp_classic.data.formats.calibration_files import exif_focal_px, read_camera
 from geovp_classic.data.frames.image_frames import FrameFiles
 from geovp_classic.data.frames.undistortion import (
