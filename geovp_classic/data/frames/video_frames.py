@@ -1,71 +1,216 @@
-"""Frames of a video file, decoded one after the other."""
+"""Frames of a video file, as a player shows them: upright, with square pixels, at their times."""
 
+import contextlib
+import functools
+import itertools
 import math
-from functools import lru_cache
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import av
 import cv2
+import numpy as np
+from av.container import InputContainer
+from av.stream import Disposition
+from av.video.reformatter import VideoReformatter
 
 from geovp_classic import files
 from geovp_classic.data.frames.image_frames import MAX_PIXELS
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray
+from geovp_classic.types import ByteArray, FloatArray, IntArray
+
+NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
+CACHE_BYTES = 256 * files.MIB
 
 
 class VideoFrames:
-    """The frames of a video, decoded from its start up to the frame that is read.
+    """The frames that the decoder delivers, in the order in which they are presented.
 
-    Seeking by number is not used, because the index of many containers is wrong. Frames are
-    counted if the container does not state their number; a rate that it does not state is None.
+    Neither the frame count, the rate nor the duration of the container is used. The packets tell
+    when each frame is presented. Frames do not count if an edit list hides them, or if they cannot
+    be decoded because the file begins inside a group of pictures or ends inside a packet.
+    `times_s` [N] are seconds since the first frame, None for a raw stream.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a video file; BadData if it cannot be decoded."""
+        """Open a video file and list its frames; BadData if it cannot be decoded."""
         with files.opened(path):
             self.path = path
-        self._restart()
-        get = self._capture.get
-        self.size_px = (
-            int(get(cv2.CAP_PROP_FRAME_WIDTH)),
-            int(get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        )
-        if min(self.size_px) < 1 or math.prod(self.size_px) > MAX_PIXELS:
-            raise BadData(
-                f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels: give a "
-                "folder of images or another video file"
-            )
-        rate_hz = float(get(cv2.CAP_PROP_FPS))
-        self.rate_hz = rate_hz if 0 < rate_hz < 1000 else None
-        self._count = int(get(cv2.CAP_PROP_FRAME_COUNT))
-        if self._count < 1:
-            while self._capture.grab():
-                self._next += 1
-            self._count = self._next
-        # a frame takes at least a byte
-        if not 0 < self._count <= path.stat().st_size:
-            raise BadData(
-                f"{path} claims {self._count} frames, which its size cannot hold: restore the file"
-            )
-        self.read = lru_cache(maxsize=64)(self._decode)
+        what = f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels"
+        with files.checked(what, "give a folder of images or another video file"):
+            self._restart()
+            self._list_frames()
+            self._shown_from_stored = display_matrix(self._first).tolist()
+            height_px, width_px = self._picture(self._first).shape[:2]
+        self.size_px = width_px, height_px
+        num_cached = CACHE_BYTES // (3 * width_px * height_px)
+        self.read = functools.lru_cache(maxsize=max(2, min(64, num_cached)))(self._decode)
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._ticks)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Return the usual number of frames per second; None for a raw stream or one frame."""
+        if self.times_s is None or len(self) < 2:
+            return None
+        return 1 / float(np.median(np.diff(self.times_s)))
 
     def _restart(self) -> None:
-        self._capture = cv2.VideoCapture(str(self.path))
-        self._next = 0
+        """Open the file, and decode from its beginning."""
+        # "file:" keeps a colon in a name from being a protocol; a playlist opens nothing else.
+        self._container: InputContainer = av.open(
+            f"file:{self.path.absolute()}",
+            options={"protocol_whitelist": "file"},
+            metadata_errors="ignore",
+        )
+        streams = self._container.streams.video
+        videos = [each for each in streams if not each.disposition & Disposition.attached_pic]
+        if not videos:
+            raise ValueError("it has no video stream")
+        self._stream = videos[0]
+        if not 0 < self._stream.width * self._stream.height <= MAX_PIXELS:
+            raise ValueError(f"its frames have {self._stream.width}x{self._stream.height} pixels")
+        self._stream.thread_type = "AUTO"
+        self._stream.codec_context.options = {"err_detect": "explode"}
+        self._reformatter = VideoReformatter()
+        self._continue()
+
+    def _continue(self) -> None:
+        """Decode from here on."""
+        self._decoded = self._decode_on()
+        self._last_tick = -math.inf  # of the newest decoded frame
+
+    def _packets(self) -> Iterator[Any]:
+        """Yield the packets up to the end of the file, or to where it is damaged."""
+        packets = self._container.demux(self._stream)
+        while True:
+            try:
+                yield next(packets)
+            except (StopIteration, av.FFmpegError):
+                return
+
+    def _decode_on(self) -> Iterator[tuple[int, Any]]:
+        """Yield ticks and frames from here on, without frames that are damaged."""
+        number = itertools.count()
+        is_damaged = False  # up to the next key frame, because frames build on earlier ones
+        for packet in self._packets():
+            decoded = []
+            try:
+                decoded = self._stream.decode(packet)
+            except av.FFmpegError:
+                is_damaged = True
+            for frame in decoded:
+                tick = next(number) if self._is_counted else frame.pts
+                is_damaged = frame.is_corrupt or (is_damaged and not frame.key_frame)
+                if tick is not None and not is_damaged:
+                    yield tick, frame
+
+    def _list_frames(self) -> None:
+        """List the ticks of frames [N] and of key frames, in units of the time base.
+
+        The first frame and the last group of pictures are decoded. A raw stream has no times, and
+        AVI files have those of decoding: there, all frames are decoded, and ticks are numbers.
+        """
+        stream = self._stream
+        whole: list[int] = []
+        keys: list[int] = []
+        for packet in self._packets():
+            if packet.is_keyframe and packet.pts is not None:
+                keys.append(packet.pts)
+            if packet.size and not (packet.is_discard or packet.is_corrupt):
+                whole.append(packet.pts)
+        is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
+        has_times = None not in whole and len(set(whole)) == len(whole)
+        self._is_counted = is_raw or not has_times or self._container.format.name == "avi"
+        self._restart()
+        start, first = next(self._decoded, (0, None))
+        if first is None:
+            raise ValueError("no frame can be decoded")
+        self._first = first
+        unit_s = float(stream.time_base or 1)
+        if self._is_counted:
+            keys = []
+            whole = [start, *(tick for tick, _ in self._decoded)]
+            unit_s = 1 / float(stream.average_rate or 1)
+        self._keys = sorted(keys)
+        ticks = [tick for tick in whole if tick >= start]
+        if self._keys:
+            last_key = self._keys[-1]
+            self._seek(last_key)
+            decoded = {tick for tick, _ in self._decoded}
+            if last_key not in decoded:  # the index led to later frames
+                self._restart()
+                decoded = {tick for tick, _ in self._decoded}
+            ticks = [tick for tick in ticks if tick < last_key or tick in decoded]
+        self._ticks: IntArray = np.array(sorted(ticks))
+        times_s = (self._ticks - self._ticks[0]) * unit_s
+        self.times_s: FloatArray | None = None if is_raw else times_s
 
     def _decode(self, index: int) -> ByteArray:
-        """Return one frame; BadData if the video ends before it or is damaged there."""
-        if index < self._next:
+        """Return one frame; BadData if it is damaged."""
+        tick = int(self._ticks[index])
+        key = next((key for key in reversed(self._keys) if key <= tick), -math.inf)
+        if not key <= self._last_tick < tick:
+            self._seek(key)
+        frame = self._advance(tick)
+        if frame is None:  # the index of the container may have led to later frames
             self._restart()
-        while self._next < index and self._capture.grab():
-            self._next += 1
-        image = self._capture.read()[1] if self._next == index else None
+            frame = self._advance(tick)
+        image = None if frame is None else self._picture(frame)
         if image is None or image.shape[1::-1] != self.size_px:
+            time_s = math.nan if self.times_s is None else self.times_s[index]
             raise BadData(
-                f"{self.path}: frame {index} of {self._count} cannot be decoded: exclude it from "
-                "the range"
+                f"{self.path}: frame {index} of {len(self)} ({time_s:.2f} s) is damaged or has "
+                "another size: choose frames before or after it, or repair the file"
             )
-        self._next += 1
-        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        return image
+
+    def _seek(self, key: float) -> None:
+        """Go to a key frame, or to the beginning."""
+        with contextlib.suppress(av.FFmpegError):
+            if self._keys:
+                self._container.seek(int(max(key, self._keys[0])), stream=self._stream)
+                self._continue()
+                return
+        self._restart()
+
+    def _advance(self, tick: int) -> Any:
+        """Decode up to the frame of a tick and return it, None if it does not come."""
+        for decoded_tick, frame in self._decoded:
+            self._last_tick = decoded_tick
+            if decoded_tick >= tick:
+                return frame if decoded_tick == tick else None
+        return None
+
+    def _picture(self, frame: Any) -> ByteArray:
+        """Return the RGB image [H, W, 3] of a frame."""
+        image: Any = self._reformatter.reformat(frame, format="rgb24").to_ndarray()
+        if frame.interlaced_frame:
+            # the rows of the other field, which were recorded at another time, are interpolated
+            image[1:-1:2] = cv2.addWeighted(image[:-2:2], 0.5, image[2::2], 0.5, 0)
+        height_px, width_px = image.shape[:2]
+        aspect = self._stream.sample_aspect_ratio or 1  # width of a pixel by its height
+        if aspect != 1:
+            wider_px = max(width_px, round(width_px * aspect))
+            taller_px = max(height_px, round(height_px / aspect))
+            image = cv2.resize(image, (wider_px, taller_px))
+        # turned by about 90 degrees, mirrored or both
+        (a, b), (c, d) = self._shown_from_stored
+        if abs(b) > abs(a):
+            image = image.transpose(1, 0, 2)
+            a, d = c, b
+        image = image[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
+        return np.ascontiguousarray(image)
+
+
+def display_matrix(frame: Any) -> IntArray:
+    """Return [[a, b], [c, d]], which maps stored (x, y) to (a x + c y, b x + d y) as it is shown.
+
+    Side data are asked of one frame only, because they keep a frame in memory for long.
+    """
+    for item in frame.side_data:
+        if item.type.name == "DISPLAYMATRIX":
+            return np.frombuffer(bytes(item), np.int32).reshape(3, 3)[:2, :2]
+    return np.eye(2, dtype=int)

@@ -15,7 +15,6 @@ from geovp_classic.data.frames.image_frames import (
     read_depth,
     read_image,
 )
-from geovp_classic.data.frames.video_frames import VideoFrames
 from geovp_classic.errors import BadData
 
 ENCODINGS = {
@@ -100,15 +99,6 @@ def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
         ("error", tmp_path.name),
     ]
     assert "lacks frame 000000" in findings[-1].message
-
-
-def test_video_frames_come_by_number_in_any_order(video: Path) -> None:
-    frames = VideoFrames(video)
-    assert (len(frames), frames.size_px, frames.rate_hz) == (12, (64, 24), 25)
-    for index in (0, 3, 4, 1, 7, 0):
-        assert abs(int(frames.read(index)[16, 24, 0]) - 10 * index) <= 2
-    with pytest.raises(BadData, match="frame 12 of 12 cannot be decoded"):
-        frames.read(12)
 
 
 def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:

@@ -1,0 +1,185 @@
+"""Videos are read as players show them: the frames that exist, at their times, upright, in proportion."""
+
+import wave
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from video_files import grey_levels, write_video
+
+from geovp_classic.data.frames.video_frames import VideoFrames
+from geovp_classic.errors import BadData
+
+# the corners of a picture are red, green, blue and black: R G above B K
+CORNERS = np.zeros((48, 64, 3), np.uint8)
+CORNERS[:24, :32, 0] = CORNERS[:24, 32:, 1] = CORNERS[24:, :32, 2] = 255
+
+
+def levels(frames: VideoFrames) -> list[int]:
+    """Return the grey level of each frame in the steps of 10 that they were written with."""
+    return [round(float(frames.read(index).mean()) / 10) for index in range(len(frames))]
+
+
+def corners(image: np.ndarray) -> str:
+    """Return the colours of the corners, row by row."""
+    names = {(1, 0, 0): "R", (0, 1, 0): "G", (0, 0, 1): "B", (0, 0, 0): "K"}
+    pixels = (image[v, u] > 128 for v in (4, -5) for u in (4, -5))
+    return "".join(names[tuple(pixel.astype(int))] for pixel in pixels)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixel_format"),
+    [
+        ("a.mp4", "libx264", "yuv420p"),
+        ("b.avi", "libx264", "yuv420p"),  # with the times of decoding
+        ("c.ts", "libx264", "yuv420p"),
+        ("d.mkv", "ffv1", "yuv444p"),
+        ("e.mov", "mjpeg", "yuvj420p"),
+        ("f.avi", "mpeg4", "yuv420p"),
+    ],
+)
+def test_frames_come_by_number_in_any_order(
+    name: str, codec: str, pixel_format: str, tmp_path: Path
+) -> None:
+    options = {"g": "5"} if codec in ("libx264", "mpeg4") else None
+    path = tmp_path / name
+    write_video(path, grey_levels(14), codec=codec, pixel_format=pixel_format, options=options)
+    frames = VideoFrames(path)
+    assert (len(frames), frames.size_px) == (14, (64, 48))
+    assert frames.rate_hz == pytest.approx(10, abs=0.01)
+    np.testing.assert_allclose(frames.times_s, np.arange(14) / 10, atol=1e-3)
+    for index in (13, 0, 3, 4, 1, 7, 12, 0):
+        assert abs(int(frames.read(index)[24, 32, 0]) - 10 * index) <= 4
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "b.mkv"])
+def test_times_are_those_of_presentation(name: str, tmp_path: Path) -> None:
+    """Six frames at 25 Hz and four at 10 Hz: the mean rate, 16.9 Hz, is that of no frame."""
+    times_ms = [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]
+    frames = VideoFrames(write_video(tmp_path / name, grey_levels(10), times_ms=times_ms))
+    np.testing.assert_allclose(frames.times_s, np.array(times_ms) / 1000, atol=1e-3)
+    assert levels(frames) == list(range(10))
+
+
+def test_a_raw_stream_has_no_times(tmp_path: Path) -> None:
+    frames = VideoFrames(write_video(tmp_path / "a.h264", grey_levels(8), format="h264"))
+    assert frames.times_s is None
+    assert frames.rate_hz is None
+    assert levels(frames) == list(range(8))
+
+
+def test_a_stream_that_begins_inside_a_group_has_the_frames_from_its_first_key_frame_on(
+    tmp_path: Path,
+) -> None:
+    """Groups of 8 frames; packets of a transport stream have 188 bytes."""
+    options = {"g": "8", "bf": "0", "crf": "1"}
+    path = write_video(tmp_path / "a.ts", grey_levels(24), options=options)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: 188 * 3] + whole[188 * 8 :])  # the tables, and a part of group 0
+    frames = VideoFrames(path)
+    assert levels(frames) == list(range(8, 24))
+    np.testing.assert_allclose(frames.times_s, np.arange(16) / 10)
+
+
+@pytest.mark.parametrize("name", ["a.mkv", "b.ts", "c.avi"])
+def test_a_truncated_video_has_the_frames_before_its_end(name: str, tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (20, 48, 64, 3), np.uint8)
+    noise[:, :24] = 0
+    path = write_video(tmp_path / name, list(noise), options={"bf": "0", "crf": "20"})
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    frames = VideoFrames(path)
+    assert 5 <= len(frames) < 16
+    for index in range(len(frames)):
+        error = np.abs(frames.read(index)[24:].mean(axis=-1) - noise[index, 24:].mean(axis=-1))
+        assert error.mean() < 25, "neither black nor grey nor of another time"
+
+
+def test_damaged_frames_are_refused_by_number_and_time(tmp_path: Path) -> None:
+    """Bytes are overwritten in the middle: frames are right or refused, up to the next key frame."""
+    noise = np.random.default_rng(0).integers(0, 256, (30, 48, 64, 3), np.uint8)
+    path = write_video(tmp_path / "a.mkv", list(noise), options={"g": "10", "crf": "10"})
+    expected = [VideoFrames(path).read(index) for index in range(30)]
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 3000] = bytes(3000)
+    path.write_bytes(content)
+    frames = VideoFrames(path)
+    messages = []
+    for index in range(len(frames)):
+        try:
+            image = frames.read(index)
+        except BadData as error:
+            messages.append(str(error))
+        else:
+            number = round(10 * float(frames.times_s[index]))
+            assert np.abs(image.astype(int) - expected[number]).mean() < 1
+    assert 0 < len(messages) <= 10
+    assert all(" s) is damaged" in message for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "expected"),
+    [(0, "RGBK"), (90, "GKRB"), (180, "KBGR"), (270, "BRKG")],
+)
+def test_a_turned_video_is_upright(turn_deg: int, expected: str, tmp_path: Path) -> None:
+    frames = VideoFrames(write_video(tmp_path / "a.mp4", [CORNERS] * 3, turn_deg=turn_deg))
+    assert frames.size_px == ((64, 48) if turn_deg % 180 == 0 else (48, 64))
+    assert corners(frames.read(1)) == expected
+
+
+@pytest.mark.parametrize(
+    ("matrix", "expected"),
+    [
+        ((-1, 0, 0, 1), "GRKB"),  # left and right
+        ((1, 0, 0, -1), "BKRG"),  # above and below
+        ((0, 1, 1, 0), "RBGK"),  # rows and columns
+    ],
+)
+def test_a_mirrored_video_is_shown_mirrored(
+    matrix: tuple[int, int, int, int], expected: str, tmp_path: Path
+) -> None:
+    a, b, c, d = (65536 * number for number in matrix)
+    display = [a, b, 0, c, d, 0, 0, 0, 2**30]
+    frames = VideoFrames(write_video(tmp_path / "a.mp4", [CORNERS] * 3, matrix=display))
+    assert corners(frames.read(0)) == expected
+
+
+@pytest.mark.parametrize(
+    ("aspect", "size_px"), [(Fraction(4, 3), (85, 48)), (Fraction(1, 2), (64, 96))]
+)
+def test_pixels_are_square(aspect: Fraction, size_px: tuple[int, int], tmp_path: Path) -> None:
+    """64 / 3 x 4 = 85 columns, and 48 x 2 = 96 rows."""
+    frames = VideoFrames(write_video(tmp_path / "a.mp4", [CORNERS] * 3, aspect=aspect))
+    assert frames.size_px == size_px
+    assert corners(frames.read(0)) == "RGBK"
+
+
+def test_an_interlaced_video_shows_one_field(tmp_path: Path) -> None:
+    """The even rows are 200, the odd ones, recorded half a frame later, are 40."""
+    comb = np.full((48, 64, 3), 200, np.uint8)
+    comb[1::2] = 40
+    options = {"crf": "1", "x264-params": "tff=1"}
+    path = write_video(tmp_path / "a.mp4", [comb] * 3, options=options, pixel_format="yuv444p")
+    image = VideoFrames(path).read(1)
+    assert np.abs(image[:47].astype(int) - 200).max() <= 4
+
+
+@pytest.mark.parametrize("name", ["12:30.mp4", "a b [1].mp4", "%03d.mp4"])
+def test_names_are_taken_as_they_are(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_video(tmp_path / name, grey_levels(3))
+    assert levels(VideoFrames(Path(name))) == [0, 1, 2]
+
+
+def test_files_without_a_video_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("text")
+    (tmp_path / "list.m3u8").write_text("#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/a.ts\n")
+    with wave.open(str(tmp_path / "sound.wav"), "wb") as sound:
+        sound.setparams((1, 2, 8000, 0, "NONE", ""))
+        sound.writeframes(bytes(8000))
+    for name in ("text.mp4", "list.m3u8", "sound.wav"):
+        with pytest.raises(BadData, match=f"{name} cannot be decoded as a video"):
+            VideoFrames(tmp_path / name)
