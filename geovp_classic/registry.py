@@ -47,7 +47,6 @@ EXTRA_OF_MODULE = {
     "lightning": "learned",
     "dask": "cluster",
     "open3d": "volume",
-    "av": "video",
     "argcomplete": "completion",
     "rosbags": "rosbag",
     "onnx": "onnx",

@@ -4,7 +4,7 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -49,6 +49,8 @@ class Source:
             if sequence is not None:
                 raise BadData(f"{path} has no sequences: remove --sequence")
             recording, lens = read_recording(request)
+            first = replace(request, first=0)  # all frames are replayed, from the first on
+            recording = recording.chosen(first.frame_numbers(recording.times_s))
             numbers = range(len(recording.frames))
             _, recording = find_camera(recording, lens, len(numbers), request)
         else:
@@ -137,7 +139,7 @@ def _camera(request: PredictionRequest) -> Recording:
 
 def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recording, range]:
     """Return a recording of a data set, by default the first, and the numbers of its frames."""
-    if request.has_camera or request.rate_hz:
+    if request.has_camera or request.frame_rate_hz:
         raise BadData(
             f"{request.path} has its own calibration and times: remove --fov, --intrinsics, "
             "--calibration and --fps"
@@ -146,7 +148,10 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
         **detection.spec(request.path),
         "num_frames": 2,
         "sequences": sequence and [sequence],
+        "frame_step": request.frame_step,
     }
+    if request.rate_hz is not None:
+        table["rate_hz"] = request.rate_hz
     if request.camera_height_m is not None:
         table["camera_height_m"] = request.camera_height_m
     dataset = registry.build("datasets", table)

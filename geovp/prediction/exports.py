@@ -1,6 +1,5 @@
 """Output files of a prediction: images, videos, poses, depth maps and COLMAP model."""
 
-import importlib.util
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -101,8 +100,7 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     strip.write(folder / "strip.png")
     film = video.film(context.frames, frames, predicted.actual)
     rate_hz = 1 / float(np.mean(np.diff(context.times_s)))
-    if importlib.util.find_spec("av"):  # an extra; the gif shows the same
-        video.write_mp4(folder / "film.mp4", film, rate_hz)
+    video.write_mp4(folder / "film.mp4", film, rate_hz)
     video.write_gif(folder / "film.gif", film, rate_hz)
 
 

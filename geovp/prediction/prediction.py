@@ -151,14 +151,17 @@ def predict(request: PredictionRequest) -> Predicted:
         raise BadData(f"{name} needs {missing.name}, which a video does not have")
     announce("reading frames")
     recording, lens = read_recording(request)
-    num_past, num_frames = request.num_past, len(recording.frames)
+    numbers = request.frame_numbers(recording.times_s)
+    num_past, num_frames = request.num_past, len(numbers)
     latest = num_frames - num_past
-    first = latest if request.first is None else request.first
+    first = latest if request.first is None else int(np.searchsorted(numbers, request.first))
     if not 0 <= first <= latest:
+        last = "" if latest < 0 else f"the last possible --first is {numbers[latest]}; or "
         raise BadData(
-            f"{request.path} has {num_frames} frames, of which {num_past} must be seen: "
-            f"the last possible --first is {latest}; or give a smaller --past"
+            f"{request.path} has {len(recording.frames)} frames, of which {num_frames} are in use "
+            f"and {num_past} must be seen: {last}give a smaller --past or a larger --rate"
         )
+    recording = recording.chosen(numbers)
     announce("calibrating", 1)
     camera, recording = find_camera(recording, lens, first + num_past, request)
     size_px = request.size_px or output_size(recording.intrinsics)
@@ -176,25 +179,28 @@ def predict(request: PredictionRequest) -> Predicted:
     )
     prediction, scene = _run(predictor, context, request.num_samples)
     actual = clip.frames[num_past:]
-    return Predicted(request, predictor, camera, context, first, prediction, scene, actual)
+    stored = int(numbers[first])
+    return Predicted(request, predictor, camera, context, stored, prediction, scene, actual)
 
 
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
     """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
-    path, topic = request.path, request.topic
+    path, topic = request.path, request.image_topic
     settings: dict[str, Any] = {
         "num_frames": 2,
+        "image_bits": request.image_bits,
+        "rate_hz": "native",
         "intrinsics": (1000.0, 1000.0, 0.0, 0.0),
         "camera_height_m": request.camera_height_m,
     }
     if not bags.is_bag(path):
         if topic is not None:
             raise BadData(f"{path} is not a bag: leave out --topic")
-        if path.is_dir() and request.rate_hz is None:
+        if path.is_dir() and request.frame_rate_hz is None:
             raise BadData(f"{path} is a folder of images, which have no times: give --fps")
-        folder = Folder(path=path, frame_rate_hz=request.rate_hz, **settings)
+        folder = Folder(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
         return next(iter(folder.recordings.values())), None
-    if request.rate_hz is not None:
+    if request.frame_rate_hz is not None:
         raise BadData(f"{path} states its times: leave out --fps")
     dataset = RosBag(path, image_topic=topic, pose_topic="", **settings)
     (recording,) = dataset.recordings.values()

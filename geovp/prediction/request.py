@@ -7,12 +7,13 @@ from typing import Any
 from pydantic.dataclasses import dataclass
 
 from geovp_classic import registry
+from geovp_classic.data.recordings.windows import Rate, frames_at_rate
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors.default import default_pose_source
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
-from geovp_classic.types import Intrinsics
+from geovp_classic.types import FloatArray, IntArray, Intrinsics
 
 Spec = dict[str, Any] | str
 
@@ -26,7 +27,9 @@ class PredictionRequest:
     fov_deg: float | None = None  # horizontal
     calibration: Path | None = None
     distortion: tuple[float, ...] = ()  # OpenCV's k1, k2, p1, p2, k3, ...
-    rate_hz: float | None = None
+    frame_rate_hz: float | None = None  # of a folder of images
+    rate_hz: Rate | None = None  # frames in use per second; None: 10, for a data set all
+    frame_step: int = 1  # of these, every Nth
     camera_height_m: float | None = None
     first: int | None = None  # first observed frame; None: as late as possible
     num_past: int = 10
@@ -39,13 +42,19 @@ class PredictionRequest:
     num_samples: int = 1
     mask: Path | None = None
     device: str | None = None
-    topic: str | None = None  # of images, if a bag has several
+    image_topic: str | None = None  # if a bag has several
+    image_bits: int | None = None  # in use, of images with 16 bits
     has_fallback: bool = True  # by image motion or the last frame, where they predict better
 
     @property
     def has_camera(self) -> bool:
         """Return whether an option describes the camera."""
         return bool(self.intrinsics or self.fov_deg or self.calibration)
+
+    def frame_numbers(self, times_s: FloatArray) -> IntArray:
+        """Return the numbers of the frames in use; the first observed or the last is among them."""
+        anchor = len(times_s) - 1 if self.first is None else min(self.first, len(times_s) - 1)
+        return frames_at_rate(times_s, self.rate_hz or 10.0, self.frame_step, anchor)
 
     def build(self) -> FramePredictor:
         """Build the predictor; by default refined odometry with a forecast, and depth fusion.

@@ -10,6 +10,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.types.arrays import (
     BoolArray,
     FloatArray,
+    IntArray,
     ShortRepr,
     store_checked,
     store_rigid,
@@ -87,8 +88,8 @@ class Trajectory(ShortRepr):
         """Return T, the number of steps."""
         return len(self.world_from_cam)
 
-    def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
-        """Return the steps of a slice or a mask [T], in the same world frame."""
+    def __getitem__(self, steps: slice | BoolArray | IntArray) -> Trajectory:
+        """Return the steps of a slice, a mask [T] or numbers, in the same world frame."""
         poses = self.world_from_cam[steps].copy()
         return replace(self, world_from_cam=poses, times_s=self.times_s[steps].copy())
 

@@ -120,7 +120,7 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
 ) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
     request = PredictionRequest(
-        images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=(96, 96)
+        images, given, frame_rate_hz=10.0, num_past=8, num_future=2, size_px=(96, 96)
     )
     predicted = prediction.predict(request)
     assert predicted.first == len(street.clip()) - 8
@@ -179,7 +179,7 @@ def test_what_breaks_in_the_middle_leaves_nothing(
     monkeypatch.setattr(exports.video, "write_gif", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
     request = PredictionRequest(
-        images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64)
+        images, given, frame_rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64)
     )
     predicted = prediction.predict(request)
     with pytest.raises(OSError, match="No space left on device"):
@@ -198,7 +198,9 @@ def test_a_camera_by_its_angle(images: Path, tmp_path: Path, command: Command) -
 
 
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
-    request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64))
+    request = PredictionRequest(
+        images, frame_rate_hz=10.0, num_past=4, num_future=1, size_px=(64, 64)
+    )
     predicted = prediction.predict(request)
     assert predicted.camera.source == "assumed"
     assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
@@ -211,7 +213,7 @@ def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None
         image[-20:] = (90, 40, 30)
         cv2.imwrite(str(tmp_path / path.name), image)
     request = PredictionRequest(
-        tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=(96, 96)
+        tmp_path, (150.0, 150.0, 63.5, 63.5), frame_rate_hz=10.0, num_future=2, size_px=(96, 96)
     )
     predicted = prediction.predict(request)
     assert predicted.about()["scene_mask_fraction"] == pytest.approx(20 / 128, abs=0.01)

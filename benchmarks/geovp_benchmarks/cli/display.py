@@ -14,15 +14,12 @@ import contextlib
 import threading
 
 from geovp_benchmarks.cli.options import Lines, option
-from geovp_benchmarks.cli.predict import CAMERA
+from geovp_benchmarks.cli.predict import CAMERA, FRAMES
 
 ARGUMENTS = {
     "": {"path INPUT": "Video, folder of images, data set, bag, or the number of a camera."},
     "input": {
-        "--fps X": option(
-            "Frame rate; required for a folder of images. Default: that of the video.",
-            dest="rate_hz",
-        ),
+        **FRAMES,
         "--sequence NAME": (
             "Sequence of a data set or a part of it, such as 03[0:360). Default: the first."
         ),

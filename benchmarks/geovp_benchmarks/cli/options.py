@@ -35,6 +35,12 @@ SHARED: dict[str, Any] = {
         default=[],
         action="append",
     ),
+    "--rate RATE": option(
+        "About how many frames per second to use, or `native` for all. Default: 10 of a faster "
+        "video, folder or bag, native for other data sets.",
+        dest="rate_hz",
+    ),
+    "--every N = 1": option("Use only each Nth of these frames.", dest="frame_step"),
     "--keep CLIPS = 4": "Clips kept for figures: a number, all, or names with commas.",
     "--workers WORKERS = 1": "Number of processes, or address of a Dask scheduler.",
 }
@@ -74,6 +80,7 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
         "N": number(1),
         "NUMBER": number(0),
         "P": number(0, 1, float),
+        "RATE": rate,
         "S": number(0, 10, float),
         "SIZE": size_px,
         "SPEC": spec,
@@ -109,6 +116,12 @@ def number(
         return value
 
     return parse
+
+
+def rate(text: str) -> float | str:
+    """Parse a number of frames per second, or "native"."""
+    parse: Callable[[str], float] = number(0.02, 1e4, float)
+    return text if text == "native" else parse(text)
 
 
 def device(text: str) -> str:

@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, number, option
+from geovp_benchmarks.cli.options import Lines, number, option, shared
 
 ARGUMENTS = {
     "": {
@@ -32,6 +32,7 @@ ARGUMENTS = {
             type=number(3),
         ),
     },
+    "frames": shared("--rate", "--every"),
     "output": {"--out DIR = results/poses": "Folder for the results."},
 }
 
@@ -43,8 +44,11 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_classic.data.formats import pose_files
     from geovp_classic.data.layouts import detection
 
-    table = args.root if isinstance(args.root, dict) else {"root": args.root}
-    data: dict[str, Any] = {**detection.spec(Path(table["root"])), **table}
+    table = dict(args.root) if isinstance(args.root, dict) else {"root": args.root}
+    root = Path(table.pop("root", None) or table.pop("path", "."))
+    data: dict[str, Any] = {**detection.spec(root), "frame_step": args.frame_step, **table}
+    if args.rate_hz is not None:
+        data["rate_hz"] = args.rate_hz
     if args.clips is not None:
         data = {"stride": 5, "size_px": [256, 256], **data}
         for name, paths in track_clips(data, args.frames, args.odometry, args.clips):

@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 from geovp.progress import announce, report
-from geovp_benchmarks.cli.messages import logger, print_notes
+from geovp_benchmarks.cli.messages import print_notes
 from geovp_benchmarks.cli.options import Lines, number, option, shared
 
 CAMERA = {
@@ -39,14 +39,27 @@ CAMERA = {
         ),
     },
 }
+FRAMES = {
+    "--topic NAME": option("Image topic of a bag. Default: the only one.", dest="image_topic"),
+    "--bits N": option(
+        "Number of bits in use, of images with 16. Default: images have 8.",
+        dest="image_bits",
+        type=number(8, 16),
+    ),
+    "--fps X": option(
+        "Frame rate of a folder of images, which needs it, or of a raw stream. Default: the times "
+        "that the video or bag states.",
+        dest="frame_rate_hz",
+    ),
+    **shared("--rate", "--every"),
+}
 ARGUMENTS = {
     "": {"path INPUT": "Video, folder of images, or ROS bag."},
     "input": {
-        "--topic NAME": "Image topic of a bag. Default: the only one.",
-        "--fps X": option(
-            "Frame rate; required for a folder. Default: that of the video or bag.", dest="rate_hz"
+        **FRAMES,
+        "--first NUMBER": (
+            "Number of the first observed frame, counted among all. Default: the latest possible."
         ),
-        "--first NUMBER": "Number of the first observed frame. Default: the latest possible.",
         "--past N = 10": option("Number of observed frames.", dest="num_past", type=number(2)),
         "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
         "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
@@ -88,7 +101,6 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp.prediction import exports, prediction
     from geovp.prediction.request import PredictionRequest
     from geovp_benchmarks.matrix import schema
-    from geovp_classic import registry
     from geovp_classic.errors import BadData
 
     if (args.matrix is None) != (args.method is None):
@@ -111,6 +123,4 @@ def run(args: argparse.Namespace) -> Lines:
     files = exports.write(predicted, folder)
     if not args.quiet:
         print_notes(predicted.summary())
-    if not any(path.suffix == ".mp4" for path in files):
-        logger.warning(f"the film is a gif; for H.264: {registry.install_command('video')}")
     yield from map(str, files)

@@ -4,6 +4,7 @@ import contextlib
 import functools
 import itertools
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,29 @@ class VideoFrames:
         if self.times_s is None or len(self) < 2:
             return None
         return 1 / float(np.median(np.diff(self.times_s)))
+
+    def times_at(self, stated_hz: float | None) -> FloatArray:
+        """Return the times of all frames; a stated rate must be that of the video.
+
+        BadData if the rates differ by more than 5 %, or if there is none.
+        """
+        if self.times_s is None:
+            if stated_hz is None:
+                raise BadData(
+                    f"{self.path} is a raw stream, which does not state its rate: give "
+                    "frame_rate_hz"
+                )
+            return np.arange(len(self)) / stated_hz
+        usual_hz = self.rate_hz
+        if stated_hz is not None and usual_hz is not None:
+            mean_hz = (len(self) - 1) / self.times_s[-1]
+            if min(abs(np.log(stated_hz / rate_hz)) for rate_hz in (usual_hz, mean_hz)) > 0.05:
+                raise BadData(
+                    f"{self.path} has {usual_hz:.4g} frames per second, frame_rate_hz is "
+                    f"{stated_hz:g}: leave it out, because wrong times give wrong speeds; rate_hz "
+                    f"= {stated_hz:g} uses about that many frames of each second"
+                )
+        return self.times_s
 
     def _restart(self) -> None:
         """Open the file, and decode from its beginning."""
@@ -203,6 +227,12 @@ class VideoFrames:
             a, d = c, b
         image = image[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
         return np.ascontiguousarray(image)
+
+
+def is_video(path: Path) -> bool:
+    """Return whether a file has the name of a visible video."""
+    names = r"[^.].*\.(mp4|m4v|mov|mkv|webm|avi|m?ts|mpe?g|3gp|wmv|flv|h26[45]|mjpeg)"
+    return bool(re.fullmatch(names, path.name, re.IGNORECASE)) and path.is_file()
 
 
 def display_matrix(frame: Any) -> IntArray:

@@ -27,9 +27,9 @@ Registered = dict[str, tuple[FloatArray, DistortedCamera]]
 class Colmap(PosedSequences):
     """Images in the order of their names (2 before 10) with the poses of a COLMAP model.
 
-    Settings are `PosedSequences`'. Images are taken `rate_hz` times a second, those that the model
-    lacks included. A model's unit is not the metre unless `is_metric` says so. Images of several
-    cameras are all shown as one pinhole camera sees them.
+    Settings are `PosedSequences`'. Images are taken `frame_rate_hz` times a second, those that the
+    model lacks included. A model's unit is not the metre unless `is_metric` says so. Images of
+    several cameras are all shown as one pinhole camera sees them.
     """
 
     name = "colmap"
@@ -39,13 +39,14 @@ class Colmap(PosedSequences):
         "images.[bt]*",
     )
 
-    rate_hz: float = 10.0  # as KITTI; a model does not state times
+    frame_rate_hz: float = 10.0  # as KITTI; a model does not state times
     is_metric: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate_hz < np.inf:
+        if not 0 < self.frame_rate_hz < np.inf:
             raise BadData(
-                f"rate_hz is {self.rate_hz}, expected a positive number of images a second"
+                f"frame_rate_hz is {self.frame_rate_hz}, expected a positive number of images a "
+                "second"
             )
         super().__post_init__()
 
@@ -54,7 +55,7 @@ class Colmap(PosedSequences):
         root = folder / "images" if (folder / "images").is_dir() else folder
         paths = sorted(filter(is_image, root.rglob("*")), key=natural_order)
         images = tuple(sorted(paths, key=lambda path: path.parent))
-        times_s = np.arange(len(images)) / self.rate_hz
+        times_s = np.arange(len(images)) / self.frame_rate_hz
         registered: Registered = {}
         with findings.catch(folder):
             parts = itertools.chain(*map(folder.glob, self.patterns))

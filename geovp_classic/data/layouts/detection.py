@@ -4,6 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
+from geovp_classic.data.frames.video_frames import is_video
 from geovp_classic.data.layouts.cityscapes import Cityscapes
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
@@ -12,6 +13,7 @@ from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.data.layouts.kitti_raw import KittiRaw
 from geovp_classic.data.layouts.rosbag import RosBag
 from geovp_classic.data.layouts.tum import Tum
+from geovp_classic.data.layouts.videos import Videos
 from geovp_classic.errors import BadData
 
 LAYOUTS: dict[str, Any] = {
@@ -22,6 +24,7 @@ LAYOUTS: dict[str, Any] = {
     "euroc": Euroc,
     "colmap": Colmap,
     "rosbag": RosBag,
+    "videos": Videos,
     "folder": Folder,
 }
 
@@ -38,10 +41,12 @@ def detect(root: Path) -> tuple[str, Any]:
         with contextlib.suppress(BadData):
             dataset.folders()
             return name, dataset
+    if root.is_dir() and any(map(is_video, root.iterdir())):
+        Videos(root)  # names what it lacks
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
-        "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, or a folder "
-        "of images"
+        "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, a video, "
+        "or a folder of images or of videos with a file of cameras"
     )
 
 

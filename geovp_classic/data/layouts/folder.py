@@ -2,7 +2,7 @@
 user gives.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from geovp_classic.data.frames.image_frames import (
 )
 from geovp_classic.data.frames.video_frames import VideoFrames
 from geovp_classic.data.recordings.sequences import Scan, SequenceDataset, sequence_folders
-from geovp_classic.data.recordings.windows import Recording
+from geovp_classic.data.recordings.windows import Rate, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray, Intrinsics
 
@@ -32,10 +32,12 @@ class Folder(SequenceDataset):
     ("city", "city[100:400)").
 
     `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored; (0, 0) is the
-    centre of the top-left one. Times come from the file `times` (one number a line) or from
-    `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else from the video's own
-    rate, else 10 Hz are assumed. `trajectory` is a KITTI or TUM file with one pose a frame;
-    `is_metric` says whether its unit is the metre. Other settings are `SequenceDataset`'s.
+    centre of the top-left one. A video is shown upright and with square pixels, and its times are
+    those of presentation; for images they come from the file `times` (one number a line) or from
+    `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else 10 Hz are assumed.
+    Of faster recordings, about 10 frames per second are used, or `rate_hz`. `trajectory` is a KITTI
+    or TUM file with one pose a frame; `is_metric` says whether its unit is the metre. Other
+    settings are `SequenceDataset`'s.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class Folder(SequenceDataset):
     times: Path | None = None
     trajectory: Path | None = None
     is_metric: bool = True
+    rate_hz: Rate = field(default=DEFAULT_RATE_HZ, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))  # scripts give text
@@ -77,7 +80,12 @@ class Folder(SequenceDataset):
         )
 
     def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
-        """Scan a folder of images, which has neither calibration nor poses."""
+        """Scan a folder of images or a video, which has neither calibration nor poses."""
+        if folder.is_file():
+            scan = Scan((), np.empty(0))
+            with findings.catch(folder):
+                scan = scan_of_video(VideoFrames(folder))
+            return {"": scan}
         images = tuple(image_files(folder))
         return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ)}
 
@@ -87,23 +95,22 @@ class Folder(SequenceDataset):
 
     def _read(self, name: str, folder: Path) -> Recording:
         reader: FrameReader
+        rate_hz = self.frame_rate_hz or DEFAULT_RATE_HZ
+        times_s: FloatArray
         if folder.is_file():
             reader = VideoFrames(folder)
             size_px = reader.size_px
-            rate_hz = reader.rate_hz
+            if self.times is None:
+                times_s = reader.times_at(self.frame_rate_hz)
         else:
             images = tuple(image_files(folder))
             size_px = self._load(images[0]).shape[1::-1]
             reader = FrameFiles(images, (size_px,) * len(images), self._load)
-            rate_hz = DEFAULT_RATE_HZ
+            times_s = np.arange(len(images)) / rate_hz
         camera = Intrinsics(*self.intrinsics, *size_px)
         folder = folder if self._is_root else Path()
-        rate_hz = self.frame_rate_hz or rate_hz
-        times_s: FloatArray | None = None
         if self.times is not None:
             times_s = pose_files.read_times(folder / self.times)
-        elif rate_hz is not None:
-            times_s = np.arange(len(reader)) / rate_hz
         trajectory = None
         if self.trajectory is not None:
             trajectory = pose_files.read_trajectory(
@@ -111,8 +118,15 @@ class Folder(SequenceDataset):
             )
             if self.frame_rate_hz is None and self.times is None:
                 times_s = trajectory.times_s
-            elif times_s is not None and len(trajectory) == len(times_s):
+            elif len(trajectory) == len(times_s):
                 trajectory = replace(trajectory, times_s=times_s)
-        if times_s is None:
-            raise BadData(f"{name} does not state its frame rate: give frame_rate_hz")
         return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
+
+
+def scan_of_video(frames: VideoFrames, stated_hz: float | None = None) -> Scan:
+    """Return the scan of a video; BadData for a rate that is not its own."""
+    times_s = frames.times_s
+    if times_s is None:  # a raw stream
+        times_s = np.arange(len(frames)) / (stated_hz or DEFAULT_RATE_HZ)
+    names = tuple(frames.path / f"frame {number}" for number in range(len(frames)))
+    return Scan(names, times_s, load=lambda name: frames.read(int(name.name.split()[1])))

@@ -30,7 +30,13 @@ from geovp_classic.data.frames.undistortion import (
     common_pinhole,
 )
 from geovp_classic.data.recordings import splits, windows
-from geovp_classic.data.recordings.windows import Fit, FrameRange, Recording
+from geovp_classic.data.recordings.windows import (
+    Fit,
+    FrameRange,
+    Rate,
+    Recording,
+    frames_at_rate,
+)
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, FloatArray, IntArray, Trajectory
 
@@ -160,6 +166,9 @@ class SequenceDataset(ABC):
     Frames are cropped to their central square at `size_px`, or with `fit = "stretch"` resized
     whole; `with_full` adds the uncropped ones. `image_bits` is the number of used bits of 16-bit
     images. Everything but the images is checked on construction.
+
+    `rate_hz` is about how many frames per second are used of faster recordings, `frame_step` takes
+    every Nth of these; frames are counted after that. No clip holds both sides of a pause.
     """
 
     sequences: tuple[str, ...] | None = None
@@ -170,10 +179,19 @@ class SequenceDataset(ABC):
     with_full: bool = False
     camera_height_m: float | None = None
     image_bits: int | None = None
+    rate_hz: Rate = "native"
+    frame_step: int = 1
+    # A longer step between frames is a pause: at 1 s, a car in a town is 10 m further.
+    max_step_s: float = 1.0
 
     def _check(self) -> None:
         """Raise BadData unless all named sequences can be used."""
         width_px, height_px = self.size_px
+        if self.frame_step < 1 or (self.rate_hz != "native" and not 0.02 <= self.rate_hz < np.inf):
+            raise BadData(
+                f"rate_hz is {self.rate_hz}, frame_step is {self.frame_step}: expected a number of "
+                'at least 0.02 or "native", and 1 or more'
+            )
         if self.num_frames < 2 or self.stride < 1:
             raise BadData(
                 f"num_frames is {self.num_frames}, stride is {self.stride}: expected 2 or more, to "
@@ -228,13 +246,35 @@ class SequenceDataset(ABC):
 
     @cached_property
     def recordings(self) -> dict[str, Recording]:
-        """Return the sequences in use, by name."""
+        """Return the sequences in use, by name, with the frames in use."""
+        return {
+            name: self._paused(
+                recording.chosen(frames_at_rate(recording.times_s, self.rate_hz, self.frame_step))
+            )
+            for name, recording in self.native_recordings.items()
+        }
+
+    def _paused(self, recording: Recording) -> Recording:
+        """Return a recording with a break after each pause."""
+        steps_s = np.diff(recording.times_s)
+        if not len(steps_s):
+            return recording
+        is_pause = steps_s > max(self.max_step_s, 2 * float(np.median(steps_s)))
+        pauses = (np.flatnonzero(is_pause) + 1).tolist()
+        return replace(recording, breaks=tuple(sorted({*recording.breaks, *pauses})))
+
+    @cached_property
+    def native_recordings(self) -> dict[str, Recording]:
+        """Return the sequences in use, by name, with all of their frames."""
         recordings = {}
         for frame_range in self._named_ranges():
             name = frame_range.sequence
             if name not in self._folders:
                 names = ", ".join(self._folders) or "none"
-                raise BadData(f"there is no sequence {name!r}: name one of {names}")
+                raise BadData(
+                    f"there is no sequence {name!r}: name one of {names}, or frames of one as in "
+                    "'03[180:360)'"
+                )
             if name not in recordings:
                 recordings[name] = self._read(name, self._folders[name])
         return recordings

@@ -16,11 +16,14 @@ from geovp_classic.types import (
     Clip,
     ExtraView,
     FloatArray,
+    IntArray,
     Intrinsics,
     Trajectory,
 )
 
-Fit = Literal["crop", "stretch"]  # how a frame becomes one of size_px
+# how a frame becomes one of size_px; "width" keeps the aspect and takes the height from it
+Fit = Literal["crop", "stretch", "width"]
+Rate = float | Literal["native"]  # frames that are used per second; all of them
 EXPECTED = "expected a sequence such as '03' or '03[180:360)', [first:last) with first < last"
 
 
@@ -34,13 +37,13 @@ class FrameRange:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse "03" or "03[180:360)"."""
-        match = re.fullmatch(r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip())
+        """Parse "03" or "03[180:360)"; a name may hold spaces and brackets."""
+        match = re.fullmatch(r"(.+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip())
         if match is None:
             raise BadData(f"{text!r} is not a range of frames, {EXPECTED}")
         if match[2] is None:
             return cls(match[1])
-        return cls(match[1], int(match[2]), int(match[3]))
+        return cls(match[1].strip(), int(match[2]), int(match[3]))
 
     def __post_init__(self) -> None:
         if self.last is not None and not 0 <= self.first < self.last:
@@ -121,6 +124,66 @@ class Recording:
                 f"{name}: half of the times are a minute or more apart: give times in seconds"
             )
 
+    def chosen(self, numbers: IntArray) -> Self:
+        """Return the recording of the numbered frames alone, with the breaks between them."""
+        right = self.right
+        if right is not None:
+            right = replace(right, frames=ChosenFrames(right.frames, numbers))
+        return replace(
+            self,
+            frames=ChosenFrames(self.frames, numbers),
+            times_s=self.times_s[numbers],
+            trajectory=self.trajectory and self.trajectory[numbers],
+            right=right,
+            depths=self.depths and ChosenFrames(self.depths, numbers),
+            breaks=tuple(np.unique(np.searchsorted(numbers, self.breaks)).tolist()),
+        )
+
+
+@dataclass(frozen=True)
+class ChosenFrames:
+    """Some of the frames of another reader."""
+
+    frames: FrameReader
+    numbers: IntArray  # [N]
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def read(self, index: int) -> Array:
+        """Return one frame; BadData names the file that is wrong."""
+        return self.frames.read(int(self.numbers[index]))
+
+
+def frames_at_rate(
+    times_s: FloatArray, rate_hz: Rate, frame_step: int = 1, anchor: int = 0
+) -> IntArray:
+    """Return the numbers of frames to use, about `rate_hz` a second, and every Nth of these.
+
+    `anchor` is one of them. Of a video with a constant rate, each is as many frames after the one
+    before: at 25 Hz, 10 Hz becomes every second frame, because nearest frames would jitter. Where
+    frames come more slowly, all are used.
+    """
+    step_s = half_s = 0.0
+    if rate_hz != "native" and len(times_s) > 1:
+        usual_s = float(np.median(np.diff(times_s)))
+        step_s = max(1, round(1 / (usual_s * rate_hz))) * usual_s
+        half_s = usual_s / 2  # times jitter by less than that
+
+    def following(times_s: FloatArray) -> IntArray:
+        numbers = [0]
+        while True:
+            due_s = times_s[numbers[-1]] + step_s - half_s
+            number = max(int(np.searchsorted(times_s, due_s)), numbers[-1] + 1)
+            if number >= len(times_s):
+                return np.array(numbers)[::frame_step]
+            numbers.append(number)
+
+    if not len(times_s):
+        return np.zeros(0, int)
+    before = anchor - following(times_s[anchor] - times_s[anchor::-1])
+    return np.concatenate([before[:0:-1], anchor + following(times_s[anchor:])])
+
 
 def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[FrameRange]:
     """Cut a range, its end spelled out, at breaks.
@@ -159,9 +222,9 @@ def cut(
 ) -> Clip:
     """Cut the clip of `num_frames` frames from `first` at size_px = (width, height).
 
-    Frames are cropped to their middle of that aspect and resized, or, with "stretch", resized
-    whole. `with_full` adds the uncropped frames as they are stored; the right view comes with the
-    recording.
+    Frames are cropped to their middle of that aspect and resized, or, with "stretch" or "width",
+    resized whole; with "width" the height is that of the frames' aspect. `with_full` adds the
+    uncropped frames as they are stored; the right view comes with the recording.
     """
     span = slice(first, first + num_frames)
 
@@ -171,11 +234,15 @@ def cut(
 
     camera = recording.intrinsics
     side = recording.right
+    if fit == "width":
+        height_px = camera.height_px * size_px[0] / camera.width_px
+        size_px = size_px[0], 2 * max(1, round(height_px / 2))  # even, for codecs
     window, intrinsics = pinhole.centre_crop(camera, size_px)
     resize: Any = pinhole.resize
-    if fit == "stretch":
+    if fit != "crop":
         window = slice(None), slice(None)
         intrinsics = camera.resized(*size_px)
+    if fit == "stretch":
         # bilinear without smoothing, as the data preparation of DMVFN (Hu et al. 2023): the
         # protocols that stretch frames are compared by numbers that depend on it
         resize = cv2.resize

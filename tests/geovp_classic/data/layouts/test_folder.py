@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from video_files import grey_levels, write_video
 
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.layouts.folder import Folder
@@ -52,11 +53,29 @@ def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None
 
 
 def test_a_video_has_its_own_rate(video: Path) -> None:
-    clip = folder(video)[1]
+    clip = folder(video, rate_hz="native")[1]
     assert clip.name == "drive/000004"
     np.testing.assert_allclose(clip.frames[:, 3, 3, 0], [40, 50, 60, 70], atol=2)
     np.testing.assert_allclose(clip.times_s, [0.16, 0.20, 0.24, 0.28])
-    np.testing.assert_allclose(folder(video, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
+    np.testing.assert_allclose(folder(video)[0].times_s, [0, 0.08, 0.16, 0.24])  # 12.5 of 25 Hz
+    np.testing.assert_allclose(folder(video, frame_step=3, num_frames=2)[0].times_s, [0, 0.24])
+    assert folder(video, frame_rate_hz=24.0).clip_names == folder(video).clip_names
+    with pytest.raises(BadData, match=r"25 frames per second, frame_rate_hz is 5: .* rate_hz = 5"):
+        folder(video, frame_rate_hz=5.0)
+
+
+def test_a_raw_stream_needs_a_rate(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.h264", grey_levels(8, 10, (64, 24)), format="h264")
+    with pytest.raises(BadData, match="does not state its rate: give frame_rate_hz"):
+        folder(path)
+    np.testing.assert_allclose(folder(path, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
+
+
+def test_no_clip_holds_both_sides_of_a_pause(images: Path, tmp_path: Path) -> None:
+    """Between frames 6 and 7 lie 2 s, between others 0.1 s."""
+    np.savetxt(tmp_path / "times.txt", np.arange(12) / 10 + 2 * (np.arange(12) > 6))
+    data = folder(images, times=tmp_path / "times.txt")
+    assert data.clip_names == ("drive/000000", "drive/000007")
 
 
 def test_a_tum_trajectory_has_its_own_times(images: Path, tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_colmap_is_broken_at_unregistered_images(
 ) -> None:
     """Of images 0 to 11, 5 is lost: 0 to 4 and 6 to 11 are pieces, counted without it."""
     write_colmap(tmp_path, "street", street, lost=[5], text=text)
-    data = Colmap(tmp_path / "street", rate_hz=10.0, **{**CUT, "stride": 1})
+    data = Colmap(tmp_path / "street", frame_rate_hz=10.0, **{**CUT, "stride": 1})
     assert data.ranges == (FrameRange("street", 0, 5), FrameRange("street", 5, 11))
     assert data.clip_names == tuple(f"street/{first:06d}" for first in (0, 1, 5, 6, 7))
     assert_same(data[1], street, 1)
@@ -156,7 +156,7 @@ def test_colmap_refuses_unusable_models(
     """Pycolmap would read 2^60 records beyond the end of a file."""
     folder = write_colmap(tmp_path, "street", street)
     with pytest.raises(BadData, match="expected a positive number"):
-        Colmap(folder, rate_hz=0.0, **CUT)
+        Colmap(folder, frame_rate_hz=0.0, **CUT)
     (folder / "images" / "im3.png").unlink()
     message = r"images: lacks 1 of 12 images of the model, the first being im3\.png: put"
     with pytest.raises(BadData, match=message):

@@ -1,0 +1,188 @@
+"""Clips of a folder of videos, whose cameras a small file describes.
+
+The file, cameras.toml, cameras.json or the only .toml or .json file of the folder, has a table for
+each video, called by the video's name without its suffix:
+
+    [drive]
+    fps = 29.97                                # optional, the file states it
+    intrinsics = [511.9, 511.9, 279.9, 209.9]  # of the frames as they are shown, or:
+    fov_deg = 60                               # horizontal
+    camera_height_m = 1.4                      # optional
+    kind = "country road"                      # optional text
+    moving = "some"                            # optional text: objects that move
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from geovp_classic import files
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.frames.undistortion import DistortedCamera
+from geovp_classic.data.frames.video_frames import VideoFrames, is_video
+from geovp_classic.data.layouts.folder import DEFAULT_RATE_HZ, scan_of_video
+from geovp_classic.data.recordings import windows
+from geovp_classic.data.recordings.sequences import Scan, SequenceDataset
+from geovp_classic.data.recordings.windows import Fit, Rate, Recording, frames_at_rate
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Intrinsics
+
+TABLES = (".toml", ".json")
+
+
+@dataclass(frozen=True)
+class Videos(SequenceDataset):
+    """Videos with a file of cameras; other settings are `SequenceDataset`'s.
+
+    `cameras` is that file, by default the only .toml or .json file of `root`. With `num_windows`,
+    each video gives that many clips, evenly spaced from its first frame to its last; with "all",
+    one every `stride` frames. Images are `size_px[0]` wide and have the aspect of their video.
+    """
+
+    name = "videos"
+
+    root: Path
+    cameras: Path | None = None
+    num_windows: int | Literal["all"] = 2  # of 3 s each, the first and the last of a short video
+    fit: Fit = field(default="width", kw_only=True)
+    rate_hz: Rate = field(default=DEFAULT_RATE_HZ, kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "root", Path(self.root))  # scripts give text
+        if self.num_windows != "all" and self.num_windows < 1:
+            raise BadData(f'num_windows is {self.num_windows}, expected 1 or more, or "all"')
+        self._check()
+
+    def folders(self) -> dict[str, Path]:
+        """Return the videos by name; BadData if there are none, or no file of cameras."""
+        videos = {path.stem: path for path in sorted(self.root.glob("[!.]*")) if is_video(path)}
+        if not videos:
+            raise BadData(f"{self.root} holds no videos: give mp4, mov, mkv or ts files")
+        missing = sorted(videos.keys() - self.facts.keys())
+        if missing:
+            raise BadData(
+                f"{self._camera_file} does not describe {', '.join(missing[:5])}: add a table with "
+                "fov_deg or intrinsics for each video"
+            )
+        return videos
+
+    @property
+    def _camera_file(self) -> Path:
+        if self.cameras is not None:
+            return self.cameras
+        present = [path for path in sorted(self.root.glob("*.*")) if path.suffix in TABLES]
+        named = [path for path in present if path.stem == "cameras"] or present
+        if len(named) != 1:
+            raise BadData(
+                f"{self.root} has {len(named)} .toml or .json files, expected one with a table for "
+                "each video: give cameras = FILE"
+            )
+        return named[0]
+
+    @cached_property
+    def facts(self) -> dict[str, Mapping[str, Any]]:
+        """Return what the file of cameras says, by the names of videos."""
+        path = self._camera_file
+        if path.suffix == ".json":
+            table = files.read_json(path)
+        else:
+            text = files.read_text(path)
+            with files.checked(f"{path} is not TOML", "fix it"):
+                table = tomllib.loads(text)
+        for name, facts in table.items():
+            if not isinstance(facts, dict):
+                raise BadData(f"{path}: {name} is {facts!r:.80}, expected a table for each video")
+        return table
+
+    def strata(self, clip_name: str) -> dict[str, str]:
+        """Return the texts about a clip's video, such as its kind, by name."""
+        facts = self.facts[clip_name.rpartition("/")[0]]
+        return {name: value for name, value in facts.items() if isinstance(value, str)}
+
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
+        """Scan a video with its camera."""
+        scan = Scan((), np.empty(0))
+        with findings.catch(folder):
+            frames = VideoFrames(folder)
+            scan = scan_of_video(frames)
+            recording = self._recording(folder.stem, frames)
+            camera = DistortedCamera(recording.intrinsics)
+            scan = replace(scan, cameras=(camera,) * len(frames))
+        return {"": scan}
+
+    def _read(self, name: str, folder: Path) -> Recording:
+        return self._recording(name, VideoFrames(folder))
+
+    def _recording(self, name: str, frames: VideoFrames) -> Recording:
+        """Return a video with its camera; BadData names what the file of cameras lacks."""
+        facts = self.facts[name]
+        known = {"fps", "fov_deg", "intrinsics", "camera_height_m"}
+        expected = "expected numbers as fps, fov_deg, camera_height_m, and intrinsics of four"
+        with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
+            given = {key: facts[key] for key in known if facts.get(key) is not None}
+            numbers = {key: np.array(value, np.float64) for key, value in given.items()}
+            if not all(((value > 0) & (value < 1e6)).all() for value in numbers.values()):
+                raise ValueError("not a positive number")
+            scalars = {key: float(value) for key, value in numbers.items() if key != "intrinsics"}
+            width_px, height_px = frames.size_px
+            if "intrinsics" in numbers:
+                fx, fy, cx, cy = numbers["intrinsics"].tolist()
+            elif 0 < scalars["fov_deg"] < 180:
+                fx = fy = width_px / 2 / float(np.tan(np.radians(scalars["fov_deg"]) / 2))
+                cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
+            else:
+                raise ValueError("fov_deg is not below 180")
+            view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
+        height_m = self.camera_height_m or scalars.get("camera_height_m")
+        times_s = frames.times_at(scalars.get("fps"))
+        return Recording(name, frames, times_s, view, camera_height_m=height_m)
+
+    @cached_property
+    def _windows(self) -> dict[str, Recording]:
+        """Return the frames of each clip, by its name: its sequence and its first stored frame."""
+        clips = {}
+        for name, recording in self.native_recordings.items():
+            times_s = recording.times_s
+            last_frame = len(times_s) - 1  # the last window ends there
+            from_end = frames_at_rate(times_s, self.rate_hz, self.frame_step, anchor=last_frame)
+            if len(from_end) < self.num_frames:
+                raise BadData(
+                    f"{name} has {len(from_end)} frames at rate_hz = {self.rate_hz}, but one clip "
+                    f"needs {self.num_frames}: name other sequences, or give a larger rate_hz"
+                )
+            last = from_end[-self.num_frames]
+            for start in np.unique(np.linspace(0, last, int(self.num_windows)).round().astype(int)):
+                following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
+                chosen = recording.chosen(start + following[: self.num_frames])
+                clips[windows.clip_name(name, int(start))] = self._paused(chosen)
+        return clips
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """Return the clips' names in order, without reading the clips."""
+        if self.num_windows == "all":
+            return super().clip_names
+        return tuple(self._windows)
+
+    def __len__(self) -> int:
+        return len(self.clip_names)
+
+    def __getitem__(self, index: int) -> Clip:
+        """Return one clip; BadData names the video that is wrong."""
+        if self.num_windows == "all":
+            return super().__getitem__(index)
+        name = self.clip_names[index]
+        clip = windows.cut(
+            self._windows[name],
+            0,
+            self.num_frames,
+            self.size_px,
+            with_full=self.with_full,
+            fit=self.fit,
+        )
+        return replace(clip, name=name)
