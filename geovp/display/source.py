@@ -50,7 +50,7 @@ class Source:
                 raise BadData(f"{path} has no sequences: remove --sequence")
             recording, lens = read_recording(request)
             first = replace(request, first=0)  # all frames are replayed, from the first on
-            recording = recording.chosen(first.frame_numbers(recording.times_s))
+            recording = recording.selected(first.frame_numbers(recording.times_s))
             numbers = range(len(recording.frames))
             _, recording = find_camera(recording, lens, len(numbers), request)
         else:

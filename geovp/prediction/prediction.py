@@ -161,7 +161,7 @@ def predict(request: PredictionRequest) -> Predicted:
             f"{request.path} has {len(recording.frames)} frames, of which {num_frames} are in use "
             f"and {num_past} must be seen: {last}give a smaller --past or a larger --rate"
         )
-    recording = recording.chosen(numbers)
+    recording = recording.selected(numbers)
     announce("calibrating", 1)
     camera, recording = find_camera(recording, lens, first + num_past, request)
     size_px = request.size_px or output_size(recording.intrinsics)

@@ -158,8 +158,8 @@ class Videos(SequenceDataset):
             last = from_end[-self.num_frames]
             for start in np.unique(np.linspace(0, last, int(self.num_windows)).round().astype(int)):
                 following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
-                chosen = recording.chosen(start + following[: self.num_frames])
-                clips[windows.clip_name(name, int(start))] = self._paused(chosen)
+                window = recording.selected(start + following[: self.num_frames])
+                clips[windows.clip_name(name, int(start))] = self._paused(window)
         return clips
 
     @property

@@ -249,7 +249,7 @@ class SequenceDataset(ABC):
         """Return the sequences in use, by name, with the frames in use."""
         return {
             name: self._paused(
-                recording.chosen(frames_at_rate(recording.times_s, self.rate_hz, self.frame_step))
+                recording.selected(frames_at_rate(recording.times_s, self.rate_hz, self.frame_step))
             )
             for name, recording in self.native_recordings.items()
         }

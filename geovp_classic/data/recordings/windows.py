@@ -124,24 +124,24 @@ class Recording:
                 f"{name}: half of the times are a minute or more apart: give times in seconds"
             )
 
-    def chosen(self, numbers: IntArray) -> Self:
+    def selected(self, numbers: IntArray) -> Self:
         """Return the recording of the numbered frames alone, with the breaks between them."""
         right = self.right
         if right is not None:
-            right = replace(right, frames=ChosenFrames(right.frames, numbers))
+            right = replace(right, frames=SelectedFrames(right.frames, numbers))
         return replace(
             self,
-            frames=ChosenFrames(self.frames, numbers),
+            frames=SelectedFrames(self.frames, numbers),
             times_s=self.times_s[numbers],
             trajectory=self.trajectory and self.trajectory[numbers],
             right=right,
-            depths=self.depths and ChosenFrames(self.depths, numbers),
+            depths=self.depths and SelectedFrames(self.depths, numbers),
             breaks=tuple(np.unique(np.searchsorted(numbers, self.breaks)).tolist()),
         )
 
 
 @dataclass(frozen=True)
-class ChosenFrames:
+class SelectedFrames:
     """Some of the frames of another reader."""
 
     frames: FrameReader
