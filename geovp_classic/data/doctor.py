@@ -162,7 +162,14 @@ class Doctor:
                 "has no recorded poses: it serves for prediction without ground truth",
                 severity="note",
             )
-        if len(numbers) < count and is_readable:
+        if scan.world_from_cam is not None and not len(numbers) and count and is_readable:
+            first_s, last_s = scan.times_s[0], scan.times_s[-1]
+            findings.add(
+                folder,
+                f"none of {count} images, taken from {first_s:.3f} to {last_s:.3f} s, has a pose at "
+                "its time: give both in seconds on one clock (poses in ns are 1e9 times too large)",
+            )
+        elif len(numbers) < count and is_readable:
             findings.add(
                 folder,
                 f"{count - len(numbers)} of {count} images have no pose: "
@@ -223,7 +230,7 @@ def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
         with findings.catch(path):
             must_decode = deep or not sizes_px
             if scan.load is None:
-                size_px = image_size(path)
+                size_px = image_size(path, is_upright=scan.is_upright)
                 if must_decode:
                     read_image(path)
             elif must_decode:

@@ -85,11 +85,20 @@ class Bag:
 
     def topics(self, kind: str) -> list[str]:
         """Return the topics with messages of a kind (see TYPES), sorted."""
-        return sorted(
+        topics = sorted(
             topic
             for topic, info in self._reader.topics.items()
             if info.msgtype in TYPES[kind] and info.msgcount
         )
+        if kind == "image" and len(topics) > 1:  # a depth camera has both
+            return [topic for topic in topics if not self._is_depth(topic)] or topics
+        return topics
+
+    def _is_depth(self, topic: str) -> bool:
+        """Return whether the first image of a topic has depths, by its encoding or format."""
+        _, message = next(self.messages(topic))
+        about = str(getattr(message, "encoding", "") or getattr(message, "format", ""))
+        return "compressedDepth" in about or about.startswith(("16UC1", "32FC1"))
 
     def choose(self, kind: str, topic: str | None) -> str:
         """Return a named topic, else the only one of its kind, "" if there is none.
@@ -169,11 +178,14 @@ class BagImages:
 
     def __init__(self, bag: Bag, topic: str | None, bits: int | None) -> None:
         """Read the times of all images, and decode the first; `bits` as in `read_image`."""
-        recorded_ns = {}  # by stamp
         self.topic = bag.choose("image", topic)
+        stamps = []
         for time_ns, message in bag.messages(self.topic):
-            recorded_ns[stamp_ns(message, time_ns)] = time_ns
+            stamps.append((stamp_ns(message, time_ns), time_ns))
             self.frame_id = message.header.frame_id.strip("/")
+        # drivers that do not set the stamp repeat one: the time of recording tells images apart
+        self._is_stamped = 2 * len({stamp for stamp, _ in stamps}) > len(stamps)
+        recorded_ns = {stamp if self._is_stamped else time_ns: time_ns for stamp, time_ns in stamps}
         if not recorded_ns:
             raise BadData(
                 f"{bag.path} has no messages of type Image or CompressedImage: record the topic "
@@ -194,7 +206,9 @@ class BagImages:
         recorded_ns = self._recorded_ns[int(name.name)]
         recorded = self._bag.messages(self.topic, recorded_ns, recorded_ns + 1)
         message = next(
-            message for _, message in recorded if stamp_ns(message, recorded_ns) == int(name.name)
+            message
+            for _, message in recorded
+            if not self._is_stamped or stamp_ns(message, recorded_ns) == int(name.name)
         )
         return decode(name, message, self._bits)
 
@@ -204,8 +218,15 @@ def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
 
     BadData calls the image `name`.
     """
-    if hasattr(message, "format"):  # CompressedImage
-        return image_frames.read_image(name, bits, message.data.tobytes())
+    if hasattr(message, "format"):  # CompressedImage, "encoding; codec compressed"
+        if "compressedDepth" in message.format:
+            raise BadData(f"{name} is of a depth topic: give the image_topic of a camera")
+        encoding = message.format.partition(";")[0].strip()
+        image = image_frames.read_image(name, bits, message.data.tobytes())
+        if not encoding.startswith("bayer"):
+            return image
+        _, conversion = ENCODINGS.get(f"{encoding[:10]}8", (1, None))
+        return image if conversion is None else cv2.cvtColor(image[..., 0], conversion)
     if message.encoding not in ENCODINGS:
         raise BadData(
             f"{name} has the encoding {message.encoding!r}, expected {', '.join(ENCODINGS)}: "

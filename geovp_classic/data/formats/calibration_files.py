@@ -126,9 +126,15 @@ def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCame
 
 
 def load_yaml(text: str) -> Mapping[str, Any]:
-    """Load the table of a YAML file, that of the first camera in a Kalibr camchain."""
-    # OpenCV's files begin with a line that is not YAML 1.1
-    table = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))
+    """Load the table of a YAML file, that of the first camera in a Kalibr camchain.
+
+    OpenCV writes a first line that is not YAML 1.1, and a tag at matrices; `ros2 topic echo` ends
+    each message with a line of its own.
+    """
+    text = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE).replace("!!opencv-matrix", "")
+    table = next(filter(None, yaml.safe_load_all(text)), None)
+    if not isinstance(table, Mapping):
+        raise ValueError("it is not a table")
     return dict(table.get("cam0", table))
 
 
@@ -148,7 +154,13 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
         numbers = table["intrinsics"]
         size_px = table["resolution"]
     else:
-        matrix = np.reshape(matrix_data(first("camera_matrix", "K", "k")), 9)
+        data = matrix_data(first("camera_matrix", "K", "k"))
+        if len(data) != 9:
+            raise ValueError(
+                f"it has {len(data)} numbers in camera_matrix, expected 9: settings of SLAM systems "
+                "are not read, so give fx fy cx cy with --intrinsics"
+            )
+        matrix = np.array(data)
         numbers = matrix[[0, 4, 2, 5]]
         size_px = first("image_width", "width"), first("image_height", "height")
     fx, fy, cx, cy = map(float, numbers)
@@ -164,10 +176,14 @@ def matrix_data(value: Any) -> list[Any]:
 
 
 def _camera_of_colmap(text: str) -> DistortedCamera:
-    """Parse the only camera of a cameras.txt."""
+    """Parse the camera of a cameras.txt; it may be there twice."""
     from geovp_classic.colmap_library import pycolmap
 
-    (line,) = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
+    distinct = {tuple(line.split()[1:]) for line in lines}
+    if len(distinct) != 1:
+        raise ValueError(f"it has {len(distinct)} different cameras, expected one")
+    line = lines[0]
     _, name, width_px, height_px, *params = line.split()
     # a Camera(model=name) would leak for unknown names
     camera = pycolmap.Camera(

@@ -6,8 +6,9 @@ PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
 
 import io
 import math
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -15,7 +16,7 @@ from typing import Any, BinaryIO, Protocol
 import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import ExifTags, Image
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
@@ -53,14 +54,26 @@ def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
         return image
 
 
-def read_image(path: Path, bits: int | None = None, content: bytes | None = None) -> ByteArray:
+def read_image(
+    path: Path,
+    bits: int | None = None,
+    content: bytes | None = None,
+    *,
+    is_upright: bool = True,
+) -> ByteArray:
     """Return the RGB image [H, W, 3] of a file or of its content, grey ones with equal channels.
+
+    It is turned as its EXIF data say; with `is_upright` False it has the stored pixels, which
+    calibrations of other programs are about.
 
     `bits` is the number of used bits of an image with 16 bits per channel, of which the upper 8
     are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
     alike. BadData if the file is damaged.
     """
-    image = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH, content)
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
+    if not is_upright:
+        flags |= cv2.IMREAD_IGNORE_ORIENTATION
+    image = decode(path, flags, content)
     return cv2.cvtColor(to_8_bits(path, image, bits), cv2.COLOR_BGR2RGB)
 
 
@@ -92,13 +105,13 @@ def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:
     return (image / values_per_m).astype(np.float32)
 
 
-def image_size(path: Path) -> Size:
-    """Return (width, height) of an image file; BadData if it is incomplete."""
+def image_size(path: Path, *, is_upright: bool = False) -> Size:
+    """Return (width, height) of an image as `read_image` returns it; BadData if it is damaged."""
     with files.opened(path) as file:
-        return _check_image(path, file)
+        return _check_image(path, file, is_upright=is_upright)
 
 
-def _check_image(path: Path, file: BinaryIO) -> Size:
+def _check_image(path: Path, file: BinaryIO, *, is_upright: bool = False) -> Size:
     """Return (width, height); BadData if the image is too large, truncated or damaged.
 
     OpenCV would show the missing part of a truncated image in grey.
@@ -115,6 +128,8 @@ def _check_image(path: Path, file: BinaryIO) -> Size:
         else:
             image.draft("RGB", (1, 1))
             image.load()
+        if is_upright and image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8):
+            size_px = size_px[::-1]  # by 90 degrees
     return size_px
 
 
@@ -153,6 +168,18 @@ def is_image(path: Path) -> bool:
             re.IGNORECASE,
         )
     )
+
+
+def images_below(root: Path) -> Iterator[Path]:
+    """Yield the images below a folder and below linked folders, but none of them twice."""
+    seen = set()
+    for folder, folders, names in os.walk(root, followlinks=True):
+        real = os.path.realpath(folder)
+        if real in seen:  # links in a circle
+            folders.clear()
+            continue
+        seen.add(real)
+        yield from filter(is_image, (Path(folder, name) for name in names))
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -33,6 +33,10 @@ class DistortedCamera:
 
     def __post_init__(self) -> None:
         counts = {"FULL_OPENCV": (0, 2, 4, 5, 8), "OPENCV_FISHEYE": (0, 4)}
+        # programs write more than the model has, such as OpenCV's 14
+        max_count = counts.get(self.model, (len(self.distortion),))[-1]
+        if not any(self.distortion[max_count:]):
+            object.__setattr__(self, "distortion", self.distortion[:max_count])
         count = len(self.distortion)
         expected = counts.get(self.model, (count,))
         if count not in expected:
@@ -67,17 +71,17 @@ class DistortedCamera:
 
     def project(self, rays: FloatArray) -> FloatArray:
         """Project rays [N, 3] to pixels [N, 2]."""
-        if not any(self.distortion):
+        # a fisheye lens without coefficients has r = f theta, not r = f tan(theta)
+        if "FISHEYE" not in self.model and not any(self.distortion):
             return pinhole.project(rays, self.pinhole)[0]
         # imported here, because training on KITTI does not need it
         from geovp_classic.colmap_library import pycolmap
 
         lens = pycolmap.Camera(model=self.model)
         focals = np.ones(len(lens.focal_length_idxs()))
-        params = [*focals, 0.0, 0.0, *self.distortion]
-        if self.model == "FULL_OPENCV":
-            params += [0.0] * (12 - len(params))
-        lens.params = params
+        distortion = np.zeros(len(lens.extra_params_idxs()))
+        distortion[: len(self.distortion)] = self.distortion
+        lens.params = [*focals, 0.0, 0.0, *distortion]
         contiguous = np.ascontiguousarray(rays, np.float64)
         bent = np.asarray(lens.img_from_cam(contiguous))
         view = self.pinhole

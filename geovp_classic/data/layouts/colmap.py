@@ -1,7 +1,7 @@
 """Clips of a COLMAP model (Schoenberger and Frahm 2016) with its images.
 
-A sequence is a folder with the model, binary or text, in `sparse/0`, `sparse` or itself, and the
-images in `images` or itself, where the model's names of images are looked up. An image that was not
+A sequence is a folder with the model, binary or text, in `sparse/N`, `sparse`, `colmap/sparse/N`
+(nerfstudio) or itself, and the images in `images` or itself, where the model's names of images are looked up. An image that was not
 registered breaks the sequence, as does another sub-folder.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames.image_frames import is_image, natural_order
+from geovp_classic.data.frames.image_frames import images_below, natural_order
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.recordings.sequences import PosedSequences, Scan
 from geovp_classic.errors import BadData
@@ -34,9 +34,10 @@ class Colmap(PosedSequences):
 
     name = "colmap"
     patterns = (
-        "sparse/0/images.[bt]*",
+        "sparse/[0-9]*/images.[bt]*",
         "sparse/images.[bt]*",
         "images.[bt]*",
+        "colmap/sparse/[0-9]*/images.[bt]*",
     )
 
     frame_rate_hz: float = 10.0  # as KITTI; a model does not state times
@@ -53,13 +54,21 @@ class Colmap(PosedSequences):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
         root = folder / "images" if (folder / "images").is_dir() else folder
-        paths = sorted(filter(is_image, root.rglob("*")), key=natural_order)
+        paths = sorted(images_below(root), key=natural_order)
         images = tuple(sorted(paths, key=lambda path: path.parent))
         times_s = np.arange(len(images)) / self.frame_rate_hz
         registered: Registered = {}
         with findings.catch(folder):
             parts = itertools.chain(*map(folder.glob, self.patterns))
-            registered = _read_model(next(parts).parent)
+            models = list(dict.fromkeys(path.parent for path in parts))
+            # a mapper that starts again writes several models; a merged one may lie above them
+            registered = max(map(_read_model, sorted(models)), key=len)
+            if len(models) > 1:
+                findings.add(
+                    folder,
+                    f"has {len(models)} models: the largest, of {len(registered)} images, is used",
+                    severity="warning",
+                )
         names = [path.relative_to(root).as_posix() for path in images]
         missing = sorted(registered.keys() - set(names))
         if missing:

@@ -40,6 +40,8 @@ class Folder(SequenceDataset):
     settings are `SequenceDataset`'s.
     """
 
+    is_upright = True
+
     path: Path
     intrinsics: tuple[float, float, float, float]
     frame_rate_hz: float | None = None
@@ -87,7 +89,7 @@ class Folder(SequenceDataset):
                 scan = scan_of_video(VideoFrames(folder))
             return {"": scan}
         images = tuple(image_files(folder))
-        return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ)}
+        return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ, is_upright=True)}
 
     @property
     def _is_root(self) -> bool:

@@ -121,10 +121,10 @@ class Videos(SequenceDataset):
     def _recording(self, name: str, frames: VideoFrames) -> Recording:
         """Return a video with its camera; BadData names what the file of cameras lacks."""
         facts = self.facts[name]
-        known = {"fps", "fov_deg", "intrinsics", "camera_height_m"}
+        names = {"fps", "fov_deg", "intrinsics", "camera_height_m"}
         expected = "expected numbers as fps, fov_deg, camera_height_m, and intrinsics of four"
         with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
-            given = {key: facts[key] for key in known if facts.get(key) is not None}
+            given = {key: facts[key] for key in names if facts.get(key) is not None}
             numbers = {key: np.array(value, np.float64) for key, value in given.items()}
             if not all(((value > 0) & (value < 1e6)).all() for value in numbers.values()):
                 raise ValueError("not a positive number")

@@ -56,6 +56,7 @@ class Scan:
     rig_from_cam: FloatArray = field(default_factory=lambda: np.eye(4))
     camera_height_m: float | None = None  # by the calibration
     load: Load | None = None  # of images that are not files
+    is_upright: bool = False  # images are turned as EXIF says
 
     def mounted(
         self,
@@ -171,6 +172,8 @@ class SequenceDataset(ABC):
     every Nth of these; frames are counted after that. No clip holds both sides of a pause.
     """
 
+    is_upright: ClassVar[bool] = False  # turn images as EXIF says, or show the stored pixels
+
     sequences: tuple[str, ...] | None = None
     num_frames: int = 30  # 10 observed and 20 predicted, as in the thesis
     stride: int = 10  # frames, as many as are observed
@@ -282,7 +285,9 @@ class SequenceDataset(ABC):
     @cached_property
     def _load(self) -> Load:
         """Return the function that reads an image; clips overlap."""
-        load = functools.partial(image_frames.read_image, bits=self.image_bits)
+        load = functools.partial(
+            image_frames.read_image, bits=self.image_bits, is_upright=self.is_upright
+        )
         return functools.lru_cache(maxsize=2 * self.num_frames)(load)
 
     def __len__(self) -> int:
