@@ -50,6 +50,8 @@ def _remove_outdated_code() -> None:
             index.unlink()
 
 
+WEIGHTS = Path(__file__).parents[1] / "learned/geovp_learned/weights"
+SHIPPED = ("svg-tiny", "srvp-tiny", "slamp-tiny", "synsin-small", "deepvo-small")
 SETTINGS = {
     "planar": {"source": "ground-truth"},
     "refined": {"source": "ground-truth"},
@@ -59,6 +61,8 @@ SETTINGS = {
     "dask": {"address": "tcp://127.0.0.1:8786"},
     "tum": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
     "folder": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
+    # A paper's name alone has no weights of its own
+    **{name.split("-")[0]: {"weights": str(WEIGHTS / f"{name}.safetensors")} for name in SHIPPED},
 }
 
 

@@ -32,16 +32,17 @@ UNKNOWN_ORIGIN = "the file does not say on what it was trained"
 class Pretrained:
     """A component with a trained network.
 
-    `checkpoint` is a weights file of `python -m geovp_learned train`; without one, the weights that
-    come with the package. `fingerprint` identifies the weights in results; when given, other
-    weights are refused. `device` is as in `devices`.
+    `weights` is a file of `python -m geovp_learned train` or `convert`; only components that are
+    named after shipped weights have a default. `fingerprint` identifies the weights in results;
+    when given, other weights are refused. `device` is as in `devices`.
     """
 
-    checkpoint: Path | None = None
+    weights: Path | None = None
     fingerprint: str = ""
     device: str = "cpu"
 
     method: ClassVar[str] = ""
+    shipped: ClassVar[str] = ""  # name of the weights that come with the package
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def __post_init__(self) -> None:
@@ -50,8 +51,14 @@ class Pretrained:
 
     @property
     def file(self) -> Path:
-        """Return the weights file."""
-        return self.checkpoint or shipped(self.method)
+        """Return the weights file; raise BadData if there is none."""
+        if self.weights is None and not self.shipped:
+            raise BadData(
+                f"{self.method} stands for official or fully trained weights: give weights = PATH "
+                "(docs/guide/official-weights.md), or use the small network that comes with the "
+                "package (`geovp list`)"
+            )
+        return self.weights or shipped(self.shipped)
 
     def load(self) -> tuple[Any, Any]:
         """Load the network, ready to predict, and the settings that it was trained with."""
@@ -80,9 +87,9 @@ class Pretrained:
         return "; ".join(filter(None, [*facts, origin]))
 
 
-def shipped(method: str) -> Path:
-    """Return the path of the weights file that comes with the package."""
-    return Path(__file__).with_name("weights") / f"{method}.safetensors"
+def shipped(name: str) -> Path:
+    """Return the path of a weights file that comes with the package, such as "svg-tiny"."""
+    return Path(__file__).with_name("weights") / f"{name}.safetensors"
 
 
 @functools.lru_cache(maxsize=8)

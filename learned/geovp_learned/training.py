@@ -90,14 +90,15 @@ def keep_inputs(fabric: Fabric) -> None:
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:
-    """Return the factor of a linear warm-up, then of cosine annealing to `final_rate` (Loshchilov
-    and Hutter 2017).
+    """Return the factor of a linear warm-up, then of annealing to `final_rate`: along a cosine
+    (Loshchilov and Hutter 2017) or a line.
     """
     if step < settings.warmup_steps:
         return (step + 1) / settings.warmup_steps
-    done = (step - settings.warmup_steps) / max(settings.num_steps - settings.warmup_steps, 1)
-    cosine = 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
-    return settings.final_rate + (1 - settings.final_rate) * cosine
+    decay_steps = settings.decay_steps or max(settings.num_steps - settings.warmup_steps, 1)
+    done = min(max(step - (settings.num_steps - decay_steps), 0) / decay_steps, 1.0)
+    factor = 0.5 * (1 + math.cos(math.pi * done)) if settings.decay == "cosine" else 1 - done
+    return settings.final_rate + (1 - settings.final_rate) * factor
 
 
 class Trainer:

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from geovp_classic import files, registry
 from geovp_classic.errors import BadData
@@ -26,15 +26,19 @@ FOLDER = Path(__file__).with_name("configs")
 
 @dataclass(frozen=True)
 class Training:
-    """Length and hardware of a run; the learning rate warms up linearly and is annealed along a
-    cosine.
+    """Length and hardware of a run.
+
+    The learning rate warms up linearly, is held, and is then annealed to `final_rate` along a
+    cosine or a line.
     """
 
     num_steps: int
     batch_size: int = 16  # examples per step and device
     seed: int = 0
     warmup_steps: int = 0
-    final_rate: float = 0.0  # learning rate at the end, relative to the full one
+    final_rate: float = 0.0  # learning rate at the end, relative to the full one; 1 = held
+    decay: Literal["cosine", "linear"] = "cosine"
+    decay_steps: int = 0  # last steps in which the rate is annealed; 0 = all after the warm-up
     clip_norm: float = 0.0  # of each network's gradient; 0 = unclipped
     # The EMA of the weights over about so many steps is validated and kept; 0 = the last weights
     average_steps: int = 0
@@ -66,6 +70,8 @@ class Training:
             "seed",
             "warmup_steps",
             "final_rate",
+            "decay",
+            "decay_steps",
             "clip_norm",
             "validate_every",
             "patience",

@@ -27,7 +27,7 @@ FRAME = ["psnr", {"name": "lpips", "weights": "nowhere.npz"}]
 def written(folder: Path, **more: str) -> Path:
     tables = {
         "protocol": PROTOCOL | more,
-        "predictors": {"svg": "svg"},
+        "predictors": {"svg-tiny": "svg-tiny"},
         "metrics": {"frame": FRAME, "trajectory": []},
     }
     return write_matrix(folder / "one.toml", tables)
@@ -46,7 +46,7 @@ def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(
         out = tmp_path / device
         cli.main(["run", str(file), "--out", str(out), "--no-report", "--device", device])
         told[device] = json.loads((out / "protocol.json").read_text())
-        method = json.loads((out / "svg/method.json").read_text())
+        method = json.loads((out / "svg-tiny/method.json").read_text())
         assert method["status"] == "done"
         assert method["components"]["predictor"]["device"] in ("cpu", "cuda")
         assert "parameters on " in method["about"][0]
@@ -68,8 +68,8 @@ def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(
         cli.main(["run", str(file), "--out", str(file.with_name("out")), "--device", "cuda:99"])
         == 2
     )
-    assert "predictors.svg: device 'cuda:99' cannot be used" in capsys.readouterr().err
+    assert "predictors.svg-tiny: device 'cuda:99' cannot be used" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         cli.main(["run", str(file), "--device", "abacus"])
     with pytest.raises(BadData, match="--predictor: device 'cuda:99' cannot be used"):
-        PredictionRequest(Path("clip.mp4"), predictor="svg", device="cuda:99").build()
+        PredictionRequest(Path("clip.mp4"), predictor="svg-tiny", device="cuda:99").build()

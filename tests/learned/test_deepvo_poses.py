@@ -35,7 +35,7 @@ def test_with_a_head_in_3d_it_keeps_every_promise_as_the_shipped_one_does_in_2d(
 ) -> None:
     file = written(tmp_path, replace(TINY, head="3d"))
     for role in ("pose_sources", "odometries"):
-        component = registry.build(role, {"name": "deepvo", "checkpoint": str(file)})
+        component = registry.build(role, {"name": "deepvo", "weights": str(file)})
         broken = [finding for finding in check(role, component) if not finding.passed]
         assert not broken, broken
 

@@ -38,9 +38,9 @@ def test_tasks_run_on_one_thread_each_and_the_number_of_threads_stays() -> None:
 
 def predicted(name: str, clip: Clip) -> FloatArray:
     context, _ = clip.split(5, ~PrivilegedInput.NONE)
-    if name == "srvp":
+    if name == "srvp-tiny":
         return registry.build("predictors", name).predict(context).frames.astype(float)
-    if name == "deepvo":
+    if name == "deepvo-small":
         return registry.build("pose_sources", name).estimate(context).futures
     scene = registry.build("renderers", name).reconstruct(context, context.past)
     future = context.future
@@ -48,7 +48,9 @@ def predicted(name: str, clip: Clip) -> FloatArray:
     return views.frames.astype(float)
 
 
-@pytest.mark.parametrize(("name", "atol"), [("synsin", 1), ("srvp", 1), ("deepvo", 1e-6)])
+@pytest.mark.parametrize(
+    ("name", "atol"), [("synsin-small", 1), ("srvp-tiny", 1), ("deepvo-small", 1e-6)]
+)
 def test_networks_do_not_depend_on_the_number_of_threads(name: str, atol: float) -> None:
     spec = {"name": "synthetic", "num_clips": 3, "num_frames": 14, "size_px": [128, 128]}
     clip = registry.build("datasets", spec)[2]

@@ -100,10 +100,10 @@ def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_car
     name: str, changes: dict[str, Any]
 ) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
-    weights = folder / f"{name}.safetensors"
+    weights = folder / f"{name}-small.safetensors"
     options = "".join(f" --{option} {value}" for option, value in changes.items())
     command = f"Trained by\n\n    python -m geovp_learned train {name} {name}-small{options}\n\n"
-    before, _, after = (folder / f"{name}.md").read_text().partition(command)
+    before, _, after = (folder / f"{name}-small.md").read_text().partition(command)
     card = model_cards.model_card(weights).partition("## Licence")[0]
     assert after
     assert (before + after).startswith(card)
@@ -111,7 +111,8 @@ def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_car
     tables = training_config.tables(Path(f"{name}-small"), variant=changes.get("variant"))
     assert settings == registry.construct(type(settings), tables["method"], "method")
     training = Training(**{**tables["training"], "seed": changes.get("seed", 0)})
-    assert training.decisive == checkpoints.read_tensors(weights)[0]["history"]["training"]
+    stored = checkpoints.read_tensors(weights)[0]["history"]["training"]
+    assert training.decisive == {"decay": "cosine", "decay_steps": 0, **stored}
 
 
 def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(

@@ -149,7 +149,7 @@ def test_a_variant_has_a_folder_of_its_own_and_its_card_its_command(
     assert f"Trained by\n\n{command}\n## Trained on" in capsys.readouterr().out
 
 
-LIMITS_MB = {"tiny": 1, "small": 8, "ablation": 8, "128": 10, "thesis": 400}
+LIMITS_MB = {"toy": 1, "tiny": 8, "small": 8, "ablation": 8, "kitti": 400, "thesis": 400}
 
 
 @pytest.mark.parametrize("name", training_config.shipped())
@@ -167,7 +167,7 @@ def test_every_shipped_config_is_sound(name: str, tmp_path: Path) -> None:
     except GeovpError as error:
         complaint = str(error)
     assert (f"{name}.train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (
-        size != "tiny"
+        size != "toy"
     )
 
 

@@ -74,7 +74,7 @@ def _measured(
         scores = method_scores(results, method, horizons=horizons)[-1]
         name = names.get(label, scores.label)
         name = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
-        measured.append(replace(scores, label=name, is_oracle_selected=False))
+        measured.append(replace(scores, label=name))
     return measured
 
 

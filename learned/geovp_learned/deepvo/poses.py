@@ -71,6 +71,12 @@ class DeepVo(_PretrainedDeepVo):
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
 
+class DeepVoSmall(DeepVo):
+    """DeepVO with a quarter of the channels and short training; settings of `DeepVo`."""
+
+    shipped = "deepvo-small"
+
+
 @dataclass(frozen=True)
 class DeepVoOdometry(_PretrainedDeepVo):
     """The past alone, for other forecasters than DeepVO's own decoder."""
@@ -92,6 +98,12 @@ class DeepVoOdometry(_PretrainedDeepVo):
         """
         past, _ = self.poses(frames, intrinsics, times_s)
         return past, np.ones(len(past), dtype=bool)
+
+
+class DeepVoSmallOdometry(DeepVoOdometry):
+    """The past alone, by the small network; settings of `DeepVo`."""
+
+    shipped = "deepvo-small"
 
 
 def network_image(frame: ByteArray, camera: Intrinsics, wanted: Intrinsics) -> Tensor:

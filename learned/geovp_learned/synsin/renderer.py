@@ -36,8 +36,8 @@ class SynSin(checkpoints.Pretrained):
     """New views of one frame by learned depth, splatted features and a refinement network (Wiles et
     al. 2020).
 
-    Frames may have any size. The weights say which variant they are of; those that come with the
-    package are `residual`. `seed` draws the networks' noise, the same for all views.
+    Frames may have any size. The weights say which variant they are of. `seed` draws the noise of
+    the networks, the same for all views.
     """
 
     seed: int = 0
@@ -75,6 +75,12 @@ class SynSin(checkpoints.Pretrained):
 
     def _noise(self, size: int) -> Tensor:
         return torch.randn(1, size, generator=torch.Generator().manual_seed(self.seed))
+
+
+class SynSinSmall(SynSin):
+    """Our variant of SynSin (`residual`) with short training; settings of `SynSin`."""
+
+    shipped = "synsin-small"
 
 
 @dataclass(frozen=True)

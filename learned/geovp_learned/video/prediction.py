@@ -3,6 +3,7 @@ time, resize back.
 """
 
 import hashlib
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import ByteArray, Context, Prediction
 from geovp_learned import checkpoints, devices
-from geovp_learned.tensors import frames_from_images, images_from_frames
+from geovp_learned.tensors import frames_from_images, grey, images_from_frames
 from geovp_learned.video.training import resize
 
 PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
@@ -34,9 +35,9 @@ class VideoPredictor(checkpoints.Pretrained):
     def input_note(self) -> str:
         """Describe the network's square, and the frames it looks at."""
         settings = self.load()[1]
-        size_px = settings.architecture.coding.size_px
+        height_px, width_px = settings.architecture.size_px
         return (
-            f"works at {size_px}x{size_px} on the last {settings.num_past} frames, resized to "
+            f"works at {width_px}x{height_px} on the last {settings.num_past} frames, resized to "
             "the clip's size"
         )
 
@@ -47,40 +48,62 @@ class VideoPredictor(checkpoints.Pretrained):
                 f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more"
             )
         network, settings = self.load()
-        size_px, recent = settings.architecture.coding.size_px, context.recent(settings.num_past)
+        size_px, recent = settings.architecture.size_px, context.recent(settings.num_past)
         height_px, width_px = context.frames.shape[1:3]
-        observed = images_from_frames(resize(recent.frames, size_px, size_px)).to(self.device)
+        frames = resize(recent.frames, size_px[1], size_px[0])
+        is_grey = settings.architecture.coding.colours == 1
+        observed = images_from_frames(grey(frames)[..., :1] if is_grey else frames)
+        observed = observed.to(self.device)
         noise = noise_of(recent, self.seed, num_samples, network.noise_size).to(self.device)
-        frames: list[ByteArray] = []
+        samples: list[ByteArray] = []
         with torch.inference_mode(), devices.one_thread():
-            for chunk in noise.split(max(1, PIXELS_AT_ONCE // size_px**2)):
+            for chunk in noise.split(max(1, PIXELS_AT_ONCE // math.prod(size_px))):
                 images = network.predict(observed.expand(len(chunk), -1, -1, -1, -1), chunk)
-                frames += [resize(each, width_px, height_px) for each in frames_from_images(images)]
-        return Prediction(np.stack(frames))
+                predicted = frames_from_images(images.expand(-1, -1, 3, -1, -1))
+                samples += [resize(each, width_px, height_px) for each in predicted]
+        return Prediction(np.stack(samples))
 
 
 class Svg(VideoPredictor):
-    """SVG-LP (Denton and Fergus 2018); see `VideoPredictor` for the settings."""
+    """SVG-LP (Denton and Fergus 2018) with given weights; see `VideoPredictor` for the settings."""
 
     method = "svg"
 
 
+class SvgTiny(Svg):
+    """SVG-LP with a quarter of the channels and short training; see `VideoPredictor`."""
+
+    shipped = "svg-tiny"
+
+
 class Srvp(VideoPredictor):
-    """SRVP (Franceschi et al. 2020); see `VideoPredictor` for the settings."""
+    """SRVP (Franceschi et al. 2020) with given weights; see `VideoPredictor` for the settings."""
 
     method = "srvp"
 
 
+class SrvpTiny(Srvp):
+    """SRVP with a quarter of the channels and short training; see `VideoPredictor`."""
+
+    shipped = "srvp-tiny"
+
+
 class Slamp(VideoPredictor):
-    """SLAMP (Akan et al. 2021); see `VideoPredictor` for the settings."""
+    """SLAMP (Akan et al. 2021) with given weights; see `VideoPredictor` for the settings."""
 
     method = "slamp"
 
 
+class SlampTiny(Slamp):
+    """SLAMP with a quarter of the channels and short training; see `VideoPredictor`."""
+
+    shipped = "slamp-tiny"
+
+
 def noise_of(context: Context, seed: int, num_samples: int, size: int) -> Tensor:
-    """Draw standard normal numbers [S, F, size], seeded by seed, frames and sample number."""
+    """Draw standard normal numbers [S, P + F, size], seeded by seed, frames and sample number."""
     clip = int.from_bytes(hashlib.sha256(context.frames.tobytes()).digest()[:8], "big")
-    shape = (context.num_future, size)
+    shape = (context.num_past + context.num_future, size)
     rows = [
         np.random.default_rng([seed, clip, sample]).standard_normal(shape, np.float32)
         for sample in range(num_samples)

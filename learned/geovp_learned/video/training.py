@@ -15,26 +15,19 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.tensors import bytes_from_frames, grey, psnr_db
-from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
 
 class VideoNetwork(nn.Module):
-    """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1].
+    """A stochastic video predictor; its images are [..., C, H, W] in [0, 1].
 
-    `predict` gives futures [N, F, 3, H, W] of images [N, P, 3, H, W]; futures of the same past
-    differ by the noise [N, F, noise_size] alone.
+    `predict` gives futures [N, F, C, H, W] of images [N, P, C, H, W]; futures of the same past
+    differ by the noise [N, P + F, noise_size] alone.
     """
 
-    def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
-        """Build the network; `noise_size` normal numbers decide on one predicted frame."""
+    def __init__(self, noise_size: int) -> None:
+        """Build the network; `noise_size` normal numbers decide on one frame, observed or not."""
         super().__init__()
-        self.coding, self.noise_size = coding, noise_size
-
-    def images(self, maps: Tensor, base: Tensor) -> Tensor:
-        """Return the sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of
-        the base's logits.
-        """
-        return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.coding.residual else maps)
+        self.noise_size = noise_size
 
 
 @dataclass(frozen=True)
@@ -46,8 +39,9 @@ class VideoTraining(ABC):
     num_future: int = 10
     window_stride: int = 1
     validation_stride: int = 5
-    grey_probability: float = 0.3  # probability that a window is shown without colours
-    rate: float = 1e-3
+    mirror_probability: float = 0.5
+    grey_probability: float = 0.0  # probability that a window is shown without colours
+    rate: float = 3e-4
 
     network: ClassVar[Any]  # the class of the network, built from the architecture
 
@@ -58,8 +52,8 @@ class VideoTraining(ABC):
             )
 
     @abstractmethod
-    def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Return loss terms of images [B, T, 3, H, W] in [0, 1]; "total" is minimised."""
+    def losses(self, network: nn.Module, images: Tensor, step: int = 0) -> Losses:
+        """Return loss terms of images [B, T, C, H, W] in [0, 1]; "total" is minimised."""
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new network under the name "video"."""
@@ -72,14 +66,13 @@ class VideoTraining(ABC):
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[ByteArray]:
         """Cut windows of num_past + num_future frames."""
         stride = self.window_stride if training else self.validation_stride
-        return windows(
-            clips, self.architecture.coding.size_px, self.num_past + self.num_future, stride
-        )
+        size_px = self.architecture.size_px
+        return windows(clips, size_px, self.num_past + self.num_future, stride)
 
     def example(self, item: ByteArray, rng: np.random.Generator) -> Batch:
-        """Return a window as "images" [T, 3, H, W] of bytes: half are mirrored, some are grey."""
+        """Return a window as "images" [T, 3, H, W] of bytes: some mirrored, some grey."""
         frames = item
-        if rng.random() < 0.5:
+        if rng.random() < self.mirror_probability:
             frames = frames[:, :, ::-1]
         if rng.random() < self.grey_probability:
             frames = grey(frames)
@@ -87,7 +80,8 @@ class VideoTraining(ABC):
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the losses of the only network."""
-        return {"video": self.losses(networks["video"], batch["images"].float() / 255.0)}
+        images = self._images(batch)
+        return {"video": self.losses(networks["video"], images, step)}
 
     def validation_example(self, item: ByteArray) -> Batch:
         """Return a window as it is."""
@@ -98,21 +92,29 @@ class VideoTraining(ABC):
         size; the score is -psnr.
         """
         network: Any = networks["video"]
-        images = batch["images"].float() / 255.0
+        images = self._images(batch)
         observed, future = images[:, : self.num_past], images[:, self.num_past :]
-        noise = torch.randn(*future.shape[:2], network.noise_size).to(images.device)
+        noise = torch.randn(*images.shape[:2], network.noise_size).to(images.device)
         psnr = psnr_db(network.predict(observed, noise), future).mean()
         copied = psnr_db(observed[:, -1:].expand_as(future), future)
         return {"score": -psnr, "psnr": psnr, "copy_last": copied.mean()}
 
+    def _images(self, batch: Batch) -> Tensor:
+        """Return images [B, T, C, H, W] in [0, 1], with as many colours as the network's."""
+        images = batch["images"].float() / 255.0
+        is_grey = self.architecture.coding.colours == 1
+        return images.mean(dim=2, keepdim=True) if is_grey else images
 
-def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:
-    """Return every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip
-    share their memory.
+
+def windows(
+    clips: Iterable[Clip], size_px: tuple[int, int], num_frames: int, stride: int
+) -> list[ByteArray]:
+    """Return every `stride`-th window [num_frames, H, W, 3] of each clip, resized to (height,
+    width); windows of a clip share their memory.
     """
     cut = []
     for clip in clips:
-        frames = resize(clip.frames, size_px, size_px)
+        frames = resize(clip.frames, size_px[1], size_px[0])
         cut += [
             frames[first : first + num_frames]
             for first in range(0, len(frames) - num_frames + 1, stride)

@@ -51,7 +51,7 @@ def networks() -> dict[str, nn.Module]:
 
 @pytest.fixture(scope="module")
 def tiny() -> SynSinTraining:
-    return training_config.load("synsin", Path("synsin-published-tiny")).method
+    return training_config.load("synsin", Path("synsin-published-toy")).method
 
 
 def count(network: nn.Module) -> int:
@@ -141,7 +141,7 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
     file = tmp_path / "published.safetensors"
     checkpoints.write(file, "synsin", tiny, {"generator": networks["generator"]}, {})
     context, target = clip.split(6, PrivilegedInput.FUTURE_POSES | PrivilegedInput.PAST_POSES)
-    renderer = SynSin(checkpoint=file)
+    renderer = SynSin(weights=file)
     assert renderer.input_note.startswith("published variant; ")
     first, second = (
         renderer.reconstruct(context, context.past).view(

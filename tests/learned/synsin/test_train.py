@@ -62,7 +62,7 @@ def test_validation_looks_at_some_examples(method: SynSinTraining, clip: Clip) -
 
 
 def test_the_thesis_config_has_the_papers_losses_alone() -> None:
-    tables = training_config.tables(Path("synsin-thesis"))
+    tables = training_config.tables(Path("synsin-residual-thesis"))
     method = registry.construct(SynSinTraining, tables["method"], "method")
     assert method.weights == Weights()
     assert method.depth_gradient_scale == 1

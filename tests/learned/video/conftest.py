@@ -29,7 +29,14 @@ def method(name: str) -> VideoTraining:
     if name == "svg":
         return SvgTraining(**common, architecture=svg.Architecture(CODING, 24, latent_size=4))
     if name == "srvp":
-        shape = srvp.Architecture(CODING, 24, 2, state_size=12, latent_size=4, content_size=12)
+        shape = srvp.Architecture(
+            CODING,
+            inference_size=24,
+            residual_size=32,
+            state_size=12,
+            latent_size=4,
+            first_frames=2,
+        )
         return SrvpTraining(**common, architecture=shape, observation_std=0.1)
     return SlampTraining(
         **common, architecture=slamp.Architecture(CODING, 24, latent_size=4, mask_width=8)

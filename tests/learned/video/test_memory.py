@@ -21,7 +21,7 @@ random = np.random.default_rng(0)
 frames = random.integers(0, 256, (10, 256, 256, 3), dtype=np.uint8)
 context = Context(frames, np.arange(30) / 10, Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256))
 profiling.reset_peak()
-made = registry.build("predictors", "srvp").predict(context, num_samples=100).frames
+made = registry.build("predictors", "srvp-tiny").predict(context, num_samples=100).frames
 assert "lightning" not in sys.modules, "takes three seconds to import"
 print(made.shape, made.nbytes, profiling.peak_mb())
 """

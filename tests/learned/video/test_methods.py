@@ -50,7 +50,9 @@ def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteA
     images = images_from_frames(street_window)[None]
     network, history = trained(method, images, num_steps=80)
     assert history[-1]["error"] < 0.2 * history[0]["error"]
-    noise = torch.randn(1, FUTURE, network.noise_size, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(
+        1, PAST + FUTURE, network.noise_size, generator=torch.Generator().manual_seed(0)
+    )
     with torch.no_grad():
         made = network.predict(images[:, :PAST], noise)
     copied = error(images[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), images[:, PAST:])
@@ -65,7 +67,7 @@ def test_the_posterior_knows_what_the_prior_must_guess(
     random = torch.Generator().manual_seed(0)
     with torch.no_grad():
         seen, real = coin_flips[:, :PAST], coin_flips[:, PAST:]
-        shape = (len(seen), FUTURE, network.noise_size)
+        shape = (len(seen), PAST + FUTURE, network.noise_size)
         first, second = (
             network.predict(seen, torch.randn(shape, generator=random)) for _ in range(2)
         )
@@ -82,11 +84,11 @@ def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining)
     network = method.build()["video"].eval()
     random = torch.Generator().manual_seed(1)
     seen = torch.rand(2, PAST, 3, 16, 16, generator=random)
-    noise = torch.randn(2, 4, network.noise_size, generator=random)
+    noise = torch.randn(2, PAST + 4, network.noise_size, generator=random)
     with torch.no_grad():
         both = network.predict(seen, noise)
         alone = network.predict(seen[1:], noise[1:])
-        fewer = network.predict(seen, noise[:, :2])
+        fewer = network.predict(seen, noise[:, : PAST + 2])
     assert both.shape == (2, 4, 3, 16, 16)
     torch.testing.assert_close(
         both[1:], alone, atol=1e-6, rtol=0

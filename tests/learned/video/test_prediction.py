@@ -30,7 +30,7 @@ def checkpoint(name: str, method: VideoTraining, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def predictor(name: str, checkpoint: Path) -> VideoPredictor:
-    return registry.build("predictors", {"name": name, "checkpoint": str(checkpoint)})
+    return registry.build("predictors", {"name": name, "weights": str(checkpoint)})
 
 
 def context(num_past: int = 6) -> Context:
@@ -98,13 +98,18 @@ def test_descriptions_tell_which_weights_and_others_are_refused(
 
 
 def test_the_shipped_weights_predict_and_their_samples_differ(name: str) -> None:
-    assert shipped(name).stat().st_size < 8e6
-    own = registry.build("predictors", name)
+    assert shipped(f"{name}-tiny").stat().st_size < 8e6
+    own = registry.build("predictors", f"{name}-tiny")
     frames = own.predict(context(), num_samples=2).frames.astype(int)
     assert np.abs(frames[0] - frames[1]).max() >= 1
     again = np.abs(frames[0, 0] - context().frames[-1]).mean()
     assert (
-        again < 25
+        again < 40
         # grey levels, of a drawn street unlike any seen in training: the next frame resembles the
         # last
     )
+
+
+def test_the_papers_name_alone_asks_for_weights(name: str) -> None:
+    with pytest.raises(BadData, match=f"{name} stands for .*: give weights = PATH"):
+        registry.build("predictors", name)

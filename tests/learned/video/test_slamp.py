@@ -1,62 +1,65 @@
-"""SLAMP's two branches and its mask."""
+"""SLAMP's two branches: what the motion branch sees, and where skips come from."""
 
-from dataclasses import replace
-
+import pytest
 import torch
+from torch import Tensor
 
 from geovp_learned.video.autoencoder import AutoencoderConfig
-from geovp_learned.video.slamp import Architecture, SlampNetwork, SlampTraining, _frame_pairs, warp
+from geovp_learned.video.slamp import Architecture, Rollout, SlampNetwork, SlampTraining, warp
 
-ARCHITECTURE = Architecture(
-    AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0
-)
+ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4)
+
+
+def network() -> SlampNetwork:
+    torch.manual_seed(0)
+    return SlampNetwork(ARCHITECTURE).eval()
 
 
 def test_what_is_shown_is_made_of_both_branches_by_the_mask() -> None:
-    torch.manual_seed(0)
-    network, previous = SlampNetwork(ARCHITECTURE), torch.rand(4, 3, 8, 8)
-    maps, flow = torch.randn(4, 3, 8, 8), torch.randn(4, 2, 8, 8)
-    shown = network._blend(maps, flow, previous, previous)
-    torch.testing.assert_close(shown.appearance, maps.sigmoid())
-    torch.testing.assert_close(shown.motion, warp(previous, 2.0 * flow))
-    masks = network.mask(torch.cat([shown.appearance, shown.motion], dim=1)).sigmoid()
-    blended = masks * shown.appearance + (1 - masks) * shown.motion
-    torch.testing.assert_close(shown.images, blended)
+    own, frames = network(), torch.rand(4, 3, 8, 8)
+    rollout = Rollout(own, frames)
+    codes = [torch.randn(4, 8), torch.randn(4, 8)]
+    shown = rollout.decode(codes)
+    flow_px = own.flow_decoder(codes[1], rollout.skips)
+    torch.testing.assert_close(shown.appearance, own.pixel_decoder(codes[0], rollout.skips))
+    torch.testing.assert_close(shown.motion, warp(frames, flow_px).clamp(0, 1))
+    mask = own.mask_decoder(torch.cat([shown.appearance, shown.motion], dim=1))
+    torch.testing.assert_close(shown.images, mask * shown.appearance + (1 - mask) * shown.motion)
 
 
-def test_the_motion_branch_moves_the_real_frame_before() -> None:
-    torch.manual_seed(0)
-    network, images = (
-        SlampNetwork(replace(ARCHITECTURE, flow_unit_px=0.0)),
-        torch.rand(2, 4, 3, 8, 8),
-    )
-    torch.testing.assert_close(network(images, 2).prediction.motion, images[:, :-1])
-
-
-def test_the_motion_branch_sees_each_frame_beside_the_one_before() -> None:
-    images = torch.rand(1, 3, 3, 8, 8)
-    pairs = _frame_pairs(images)
-    torch.testing.assert_close(pairs[:, 2], torch.cat([images[:, 1], images[:, 2]], dim=1))
-    torch.testing.assert_close(pairs[:, 0, :3], pairs[:, 0, 3:])  # nothing moved before the first
-
-
-def test_an_untrained_residual_network_copies_the_last_frame() -> None:
-    coding = AutoencoderConfig("dcgan", 8, 4, 8, residual=True)
-    network = SlampNetwork(Architecture(coding, 8, latent_size=2, mask_width=4)).eval()
-    observed = torch.rand(1, 3, 3, 8, 8) * 0.8 + 0.1
+def test_the_motion_branch_sees_each_frame_after_the_one_before() -> None:
+    own, seen, images = network(), list[Tensor](), torch.rand(1, 3, 3, 8, 8)
+    own.motion_encoder.register_forward_hook(lambda module, given, out: seen.append(given[0]))
     with torch.no_grad():
-        made = network.predict(
-            observed.expand(2, -1, -1, -1, -1), torch.randn(2, 4, network.noise_size)
-        )
-    torch.testing.assert_close(made, observed[:, -1:].expand(2, 4, -1, -1, -1), atol=1e-4, rtol=0)
+        own(images, 2)
+    first, second, third = images.unbind(1)
+    pairs = [(first, first), (first, second), (second, third)]  # nothing moved before the first
+    torch.testing.assert_close(torch.cat(seen), torch.cat([torch.cat(p, dim=1) for p in pairs]))
 
 
-def test_the_loss_is_the_weighted_sum_of_its_parts() -> None:
-    torch.manual_seed(0)
-    method = SlampTraining(
-        num_past=2, architecture=ARCHITECTURE, beta=0.5, appearance_weight=2.0, motion_weight=3.0
-    )
-    parts = method.losses(method.build()["video"], torch.rand(2, 4, 3, 8, 8))
-    wanted = parts["error"] + 2 * parts["appearance"] + 3 * parts["motion"] + 0.5 * parts["nats"]
-    torch.testing.assert_close(parts["total"], wanted)
-    assert all(float(part.detach()) > 0 for part in parts.values())
+def test_skips_are_means_over_all_frames_so_far() -> None:
+    own, frames = network(), torch.rand(3, 2, 3, 8, 8)
+    with torch.no_grad():
+        rollout = Rollout(own, frames[0])
+        for frame in frames[1:]:
+            rollout.go_on(own.look(frame), rollout.motion)
+        expected = torch.stack([own.look(frame).skips[1] for frame in frames]).mean(0)
+    torch.testing.assert_close(rollout.skips[1], expected)
+
+
+@pytest.mark.parametrize(("epoch", "probability"), [(0, 25 / 26), (50, 25 / (25 + 7.389056))])
+def test_scheduled_sampling_fades_the_real_frame_out(
+    epoch: int, probability: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """k / (k + exp(e / k)) with k = 25: 25 / 26, and after 50 epochs exp(2) for 1."""
+    method = SlampTraining(num_past=2, architecture=ARCHITECTURE, sampling_constant=25.0)
+    asked: list[float] = []
+    forward = SlampNetwork.forward
+
+    def noted(own: SlampNetwork, images: Tensor, num_past: int, real: float) -> object:
+        asked.append(real)
+        return forward(own, images, num_past, real)
+
+    monkeypatch.setattr(SlampNetwork, "forward", noted)
+    method.losses(network(), torch.rand(1, 3, 3, 8, 8), epoch * 1000)
+    assert asked == [pytest.approx(probability)]

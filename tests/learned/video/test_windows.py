@@ -17,14 +17,14 @@ def clip(num_frames: int) -> Clip:
 
 
 def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
-    found = training.windows([clip(10), clip(3), clip(5)], size_px=4, num_frames=4, stride=3)
+    found = training.windows([clip(10), clip(3), clip(5)], size_px=(4, 6), num_frames=4, stride=3)
     assert [window[:, 0, 0, 0].tolist() for window in found] == [
         [0, 1, 2, 3],
         [3, 4, 5, 6],
         [6, 7, 8, 9],
         [0, 1, 2, 3],
     ]
-    assert found[0].shape == (4, 4, 4, 3)
+    assert found[0].shape == (4, 4, 6, 3)
     assert np.shares_memory(found[0], found[1])  # frame 3 is in both
 
 
