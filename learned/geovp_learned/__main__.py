@@ -52,6 +52,15 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--resume", action="store_true", help="go on with the run in the folder, if there is one"
     )
+    convert = verbs.add_parser(
+        "convert",
+        help="convert the authors' weights; nothing in their file is executed",
+        epilog="See docs/guide/official-weights.md for the files and their protocols.",
+    )
+    convert.set_defaults(run=_convert)
+    convert.add_argument("file", type=Path, metavar="FILE", help="as the authors publish it")
+    convert.add_argument("--method", required=True, choices=("synsin", "svg", "srvp", "slamp"))
+    convert.add_argument("--out", type=Path, help="default: FILE with the ending .safetensors")
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.set_defaults(run=_card)
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
@@ -63,6 +72,17 @@ def _card(options: argparse.Namespace) -> int:
     from geovp_learned import model_cards
 
     print(model_cards.model_card(options.weights, options.log), end="")
+    return 0
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from geovp_learned.convert import convert
+
+    out = options.out or options.file.with_suffix(".safetensors")
+    dropped = convert(options.file, options.method, out)
+    print(
+        f"wrote {out} and {out.with_suffix('.md').name}; dropped: {', '.join(dropped) or 'nothing'}"
+    )
     return 0
 
 

@@ -84,6 +84,8 @@ class Pretrained:
             facts.append(f"{history['step']} of {planned} training steps, {minutes:.1f} minutes")
         datasets = " and ".join(map(_dataset_note, history.get("train", [])))
         origin = f"trained on {datasets}" if datasets else UNKNOWN_ORIGIN
+        if "origin" in history:
+            origin = "official weights, converted from {file} ({units})".format(**history["origin"])
         return "; ".join(filter(None, [*facts, origin]))
 
 
@@ -119,10 +121,12 @@ def write(
     settings: Any,
     networks: Mapping[str, nn.Module],
     history: Mapping[str, Any],
+    *,
+    use_halves: bool = True,
 ) -> None:
-    """Write the weights of networks in half precision, atomically."""
+    """Write the weights of networks atomically, if asked in half precision."""
     tensors = {
-        f"{name}.{key}": _halved(tensor).detach().cpu().contiguous()
+        f"{name}.{key}": (_halved(tensor) if use_halves else tensor).detach().cpu().contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.distributions import Normal
+from torch.nn import functional
 
 HALF = 0.5
 DIGEST = 24
@@ -36,11 +37,25 @@ def seed_weights(module: nn.Module, variance: float = 2.0, dropped: str = "no su
         drawn = torch.from_numpy(np.random.default_rng(seed).standard_normal(tensor.shape))
         if tensor.ndim > 1:
             drawn *= math.sqrt(variance / math.prod(tensor.shape[1:]))
-        elif name.endswith("running_var"):
+        elif name.endswith("_var"):
             drawn = 1 + 0.1 * drawn.abs()
         else:
             drawn = 0.1 * drawn + name.endswith("weight")
         tensor.copy_(drawn)
+    for name in tensors:
+        if name.endswith("_u"):
+            _iterate_power(tensors, name)
+
+
+def _iterate_power(tensors: dict[str, Tensor], name: str) -> None:
+    """Set the vectors of spectral normalisation after one iteration from ones, under torch's former
+    and present names.
+    """
+    original = name.replace("weight_u", "weight_orig").replace("0._u", "original")
+    matrix = tensors[original].flatten(1)
+    right = functional.normalize(matrix.sum(0), dim=0)
+    tensors[f"{name[:-1]}v"].copy_(right)
+    tensors[name].copy_(functional.normalize(matrix @ right, dim=0))
 
 
 def random_images(*shape: int) -> Tensor:

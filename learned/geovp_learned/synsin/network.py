@@ -36,6 +36,11 @@ class Architecture:
     depth_px: int = 256
     depth_channels: tuple[int, ...] = (32, 64, 128, 256, 256, 256)
     splatter: Splatter = field(default_factory=Splatter)
+    # from here on of `published` alone
+    unit_m: float = 50.0  # length of the network's unit: data/kitti.py divides translations by 50
+    # Depths in units; (0, 0) = inverse depths from .01 to 10.01, that is depths from 5 m to 5 km
+    depth_range: tuple[float, float] = (0.0, 0.0)
+    focal_px: float = 0.0  # focal length of the images it was trained on; 0 = any
 
     def __post_init__(self) -> None:
         multiple = 2 ** len(self.depth_channels)
@@ -71,6 +76,7 @@ class Generator(nn.Module, ABC):
     """
 
     depth_network: nn.Module
+    near_m = splatting.NEAR_M
     feature_noise: int  # how many numbers of noise the networks take
     refinement_noise: int
 
@@ -104,7 +110,7 @@ class Generator(nn.Module, ABC):
 
     def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor) -> FeatureCloud:
         """Encode frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, feature_noise]."""
-        rays = splatting.rays(intrinsics, frames.shape[2:])
+        rays = self.rays(intrinsics, frames.shape[2:])
         features = self.features(frames, noise).flatten(2).transpose(1, 2)
         return FeatureCloud(rays, self.depth_network(frames, rays).flatten(1), features)
 
@@ -121,12 +127,16 @@ class Generator(nn.Module, ABC):
         """
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
-                cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
+                cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics, self.near_m
             )
             points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
             splatter = self.splatter(size_px[0])
             blended, opacities = splatter(positions, inverse_depths, visible, points, size_px)
         return self.refine(blended, opacities, noise)
+
+    def rays(self, intrinsics: Tensor, size_px: Sequence[int]) -> Tensor:
+        """Return the directions [B, H * W, 3], z = 1, of the pixels of frames."""
+        return splatting.rays(intrinsics, size_px)
 
     @abstractmethod
     def features(self, frames: Tensor, noise: Tensor) -> Tensor:

@@ -10,9 +10,10 @@ from typing import ClassVar
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from geovp_classic.errors import Incompatible
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -23,7 +24,7 @@ from geovp_classic.types import (
     Views,
 )
 from geovp_learned import checkpoints, devices
-from geovp_learned.synsin.network import FeatureCloud, Generator
+from geovp_learned.synsin.network import FeatureCloud, Generator, Images
 from geovp_learned.synsin.pairs import intrinsics_tensor
 from geovp_learned.tensors import frames_from_images, images_from_frames
 
@@ -62,16 +63,19 @@ class SynSin(checkpoints.Pretrained):
             raise Incompatible(
                 "synsin's depth is in metres, the poses are not: give the odometry a scale"
             )
-        generator, _ = self.load()
+        generator, settings = self.load()
+        focal_px = settings.architecture.focal_px
+        camera = network_camera(context.intrinsics, focal_px)
+        frame = pinhole.resize(context.frames[-1], (camera.width_px, camera.height_px))
         inputs = (
-            images_from_frames(context.frames[-1:]),
-            intrinsics_tensor(context.intrinsics),
+            images_from_frames(frame[None]),
+            intrinsics_tensor(camera),
             self._noise(generator.feature_noise),
         )
         with torch.inference_mode(), devices.one_thread():
             cloud = generator.encode(*(tensor.to(self.device) for tensor in inputs))
         noise = self._noise(generator.refinement_noise).to(self.device)
-        return FeatureScene(generator, cloud, noise, past.world_from_cam[-1])
+        return FeatureScene(generator, cloud, noise, past.world_from_cam[-1], focal_px)
 
     def _noise(self, size: int) -> Tensor:
         return torch.randn(1, size, generator=torch.Generator().manual_seed(self.seed))
@@ -91,6 +95,7 @@ class FeatureScene:
     cloud: FeatureCloud  # of one frame
     noise: Tensor  # [1, N], the same for all views
     world_from_last: FloatArray  # [4, 4]
+    focal_px: float = 0.0  # of the network's images; 0 = any
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
@@ -111,14 +116,30 @@ class FeatureScene:
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Render frames [B, H, W, 3], coverage and depths [B, H, W] from poses [B, 4, 4]."""
         count = len(cam_from_last)
-        camera = intrinsics_tensor(intrinsics)
+        camera = network_camera(intrinsics, self.focal_px)
         images = self.generator.render(
             self.cloud.repeated(count),
             cam_from_last.to(self.noise.device),
-            camera.to(self.noise.device).expand(count, -1),
-            (intrinsics.height_px, intrinsics.width_px),
+            intrinsics_tensor(camera).to(self.noise.device).expand(count, -1),
+            (camera.height_px, camera.width_px),
             self.noise.expand(count, -1),
         )
+        if camera != intrinsics:
+            size_px = (intrinsics.height_px, intrinsics.width_px)
+            images = Images(
+                *(functional.interpolate(maps, size_px, mode="area") for maps in images)
+            )
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
         return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()
+
+
+def network_camera(intrinsics: Intrinsics, focal_px: float) -> Intrinsics:
+    """Return the camera whose images have the focal length that a network knows; 0 = any."""
+    if not focal_px:
+        return intrinsics
+    scale = focal_px / intrinsics.fx_px
+    width_px, height_px = (
+        max(round(side * scale), 1) for side in (intrinsics.width_px, intrinsics.height_px)
+    )
+    return intrinsics.resized(width_px, height_px)

@@ -17,10 +17,9 @@ from torch.nn import functional
 
 from geovp_learned.tensors import pixel_grid
 
-NEAR_M = 0.5  # points nearer than this to the new camera are not splatted
+NEAR_M = 0.5  # points nearer than this to the new camera are not splatted (SynSin: .01 of 50 m)
 MIN_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
 EMPTY = -1
-EPS = 1e-6  # keeps the square root of a distance differentiable at 0
 SOLID_FACTOR = 4.0  # pull_push treats pixels of a quarter of full opacity as solid
 MIN_PULL_OPACITY = 1e-4  # thinner pixels count as empty in pull_push
 
@@ -30,12 +29,13 @@ class Splatter:
     """The splatting of points into images.
 
     A point covers the pixels whose centre lies less than `radius_px` from it, with the opacity 1 -
-    distance / radius. Of a pixel's points, the nearest `points_per_pixel` are composited from front
-    to back.
+    distance / radius, where a distance counts as at least `min_distance` radii. Of a pixel's
+    points, the nearest `points_per_pixel` are composited from front to back.
     """
 
     radius_px: float = 1.0
     points_per_pixel: int = 8
+    min_distance: float = 1e-3  # also keeps the square root differentiable at 0
 
     def __call__(
         self,
@@ -57,7 +57,7 @@ class Splatter:
         centres = torch.cat([pixels % width, pixels // width % height], dim=1)
         offsets = positions_px.flatten(0, 1)[points] - centres[:, None]
         squares = offsets.square().sum(dim=2) / self.radius_px**2
-        opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
+        opacities = (1 - squares.clamp(min=self.min_distance**2).sqrt()).clamp(min=0)
         weights = compositing_weights(torch.where(slots == EMPTY, 0.0, opacities))
         blended = functional.embedding_bag(
             points, features.flatten(0, 1), mode="sum", per_sample_weights=weights
@@ -121,16 +121,17 @@ def project(
     inverse_depths: Tensor,  # [B, N] 1/m
     cam_from_last: Tensor,  # [B, 4, 4]
     intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy of the new camera
+    near_m: float = NEAR_M,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return positions in pixels [B, N, 2], inverse depths there [B, N], and whether they are in
     front of the camera [B, N].
 
-    Points at the image plane or nearer than NEAR_M do not count as in front.
+    Points at the image plane or nearer than `near_m` do not count as in front.
     """
     rotation, translation = cam_from_last[:, :3, :3], cam_from_last[:, :3, 3]
     points = rays_last @ rotation.transpose(1, 2) + inverse_depths[..., None] * translation[:, None]
     z = points[..., 2]
-    in_front = (z > MIN_Z) & (z > NEAR_M * inverse_depths)
+    in_front = (z > MIN_Z) & (z > near_m * inverse_depths)
     z = torch.where(in_front, z, 1.0)
     focal_px, centre_px = intrinsics[:, None].chunk(2, dim=2)
     positions = focal_px * points[..., :2] / z[..., None] + centre_px

@@ -130,7 +130,8 @@ class SlampNetwork(VideoNetwork):
         The future is fed back instead of the real frame, unless a draw of `real_probability` says
         otherwise (scheduled sampling).
         """
-        rollout, predicted, latents = Rollout(self, images[:, 0]), [], []
+        rollout, predicted = Rollout(self, images[:, 0]), []
+        latents: list[tuple[Normal, Normal]] = []
         for step in range(1, images.shape[1]):
             after = self.look(images[:, step])
             motion = self.motion(rollout.now, after)

@@ -110,11 +110,12 @@ def windows(
     clips: Iterable[Clip], size_px: tuple[int, int], num_frames: int, stride: int
 ) -> list[ByteArray]:
     """Return every `stride`-th window [num_frames, H, W, 3] of each clip, resized to (height,
-    width); windows of a clip share their memory.
+    width), of the uncropped frames where there are any; windows of a clip share their memory.
     """
     cut = []
     for clip in clips:
-        frames = resize(clip.frames, size_px[1], size_px[0])
+        shown = clip if clip.full is None else clip.full
+        frames = resize(shown.frames, size_px[1], size_px[0])
         cut += [
             frames[first : first + num_frames]
             for first in range(0, len(frames) - num_frames + 1, stride)

@@ -43,15 +43,15 @@ def test_skips_are_means_over_all_frames_so_far() -> None:
         rollout = Rollout(own, frames[0])
         for frame in frames[1:]:
             rollout.go_on(own.look(frame), rollout.motion)
-        expected = torch.stack([own.look(frame).skips[1] for frame in frames]).mean(0)
-    torch.testing.assert_close(rollout.skips[1], expected)
+        expected = torch.stack([own.look(frame).skips[0] for frame in frames]).mean(0)
+    torch.testing.assert_close(rollout.skips[0], expected)
 
 
 @pytest.mark.parametrize(("epoch", "probability"), [(0, 25 / 26), (50, 25 / (25 + 7.389056))])
 def test_scheduled_sampling_fades_the_real_frame_out(
     epoch: int, probability: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """k / (k + exp(e / k)) with k = 25: 25 / 26, and after 50 epochs exp(2) for 1."""
+    """With k = 25, k / (k + exp(e / k)) is 25 / 26, and after 50 epochs 25 / (25 + exp(2))."""
     method = SlampTraining(num_past=2, architecture=ARCHITECTURE, sampling_constant=25.0)
     asked: list[float] = []
     forward = SlampNetwork.forward
