@@ -8,6 +8,7 @@ import collections
 import io
 import pickle
 import types
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,11 @@ def load(file: Path) -> Any:
     module: Any = types.ModuleType("inert_pickle")
     module.Unpickler, module.load = Unpickler, lambda stream, **_: Unpickler(stream).load()
     content = io.BytesIO(files.read_bytes(file, LIMIT_BYTES))
-    with files.checked(f"{file} is not a file of torch.save", "give the authors' own file"):
+    with (
+        files.checked(f"{file} is not a file of torch.save", "give the authors' own file"),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # that it cannot compare the source of classes
         return torch.load(content, map_location="cpu", pickle_module=module, weights_only=False)
 
 

@@ -47,8 +47,12 @@ class SynSin(checkpoints.Pretrained):
 
     @property
     def input_note(self) -> str:
-        """Return the sizes of the frame and of the depth network's input."""
+        """Describe the sizes of the frame and of the depth network's input."""
         architecture = self.load()[1].architecture
+        if architecture.focal_px:
+            return (
+                f"works on the last frame, resized to a focal length of {architecture.focal_px} px"
+            )
         variant = "" if architecture.variant == "residual" else "published variant; "
         return (
             f"{variant}works at the frames' own size on the last frame, its depth at "
