@@ -177,7 +177,10 @@ class DepthNetwork(nn.Module):
             self.add_module(f"conv{level}", spectral_norm(nn.Conv2d(a, b, 4, 2, 1)))
         for level, (a, b) in enumerate(ups, 1):
             self.add_module(f"dconv{level}", spectral_norm(nn.Conv2d(a, b, 3, padding=1)))
-        norms = {**dict(zip(DOWN_NORMS, sizes[1:], strict=True)), **dict(zip(UP_NORMS, outputs))}
+        norms = {
+            **dict(zip(DOWN_NORMS, sizes[1:], strict=True)),
+            **dict(zip(UP_NORMS, outputs[:-1], strict=True)),
+        }
         for name, count in sorted(norms.items()):
             if name:
                 self.add_module(_norm(name), nn.BatchNorm2d(count))
