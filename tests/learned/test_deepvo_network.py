@@ -1,6 +1,7 @@
 """DeepVO's networks: shapes, what depends on what, and that they can learn at all."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ import street
 import torch
 from torch.utils.data import default_collate
 
-from geovp_learned.deepvo.network import Architecture, PoseNetwork
+from geovp_classic.errors import BadData
+from geovp_learned.deepvo.network import Architecture, PoseNetwork, encoder
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.deepvo.windows import NO_AUGMENTATION
+from tests.learned.originals import digest, random_images, seed_weights
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
 
@@ -91,3 +94,31 @@ def test_it_overfits_eight_windows() -> None:
         totals.append(losses["total"].item())
     assert totals[0] > 1.0
     assert totals[-1] < 0.01
+
+
+FEATURES = [0.081241, 0.131702, 0.023903, 0.277641, -0.010126, 0.248813, -0.01452, 0.271886]
+FEATURES += [0.076222, 0.038447, 0.057999, 0.426845, 0.323884, -0.017255, 0.012034, -0.046847]
+FEATURES += [-0.026197, -0.014454, 0.33401, -0.019077, 0.488856, 0.241503, -0.027332, -0.019196]
+
+
+def test_flownets_weights_make_the_encoder_of_deepvo(tmp_path: Path) -> None:
+    """The layers of FlowNetS-BN go in by order; the numbers are those of `encode_image` of
+    ChiWeiHsiao/DeepVO-pytorch, computed as `originals` says, with its 14,616,320 parameters.
+    """
+    flownet = encoder(1.0, 0.0)
+    seed_weights(flownet)
+    state = flownet.state_dict()
+    stored = {f"conv{position}.{key}": value for position, (key, value) in enumerate(state.items())}
+    file = tmp_path / "flownets_bn.pth.tar"
+    torch.save({"state_dict": {**stored, "deconv5.0.weight": torch.ones(1)}}, file)
+    architecture = Architecture(size_px=(128, 64))
+    method = DeepVoTraining(architecture, optimiser="adagrad", flownet=file)
+    networks = method.build()
+    assert isinstance(method.optimisers(networks)["poses"], torch.optim.Adagrad)
+    loaded = networks["poses"].encoder.eval()
+    with torch.no_grad():
+        features = loaded(random_images(2, 6, 64, 128) - 0.5)
+    assert sum(parameter.numel() for parameter in loaded.parameters()) == 14_616_320
+    assert digest(features) == pytest.approx(FEATURES, abs=1e-4)
+    with pytest.raises(BadData, match="does not fit the encoder"):
+        DeepVoTraining(replace(architecture, encoder_width=0.5), flownet=file).build()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -9,8 +10,10 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
+from geovp_learned import inert_pickle
 from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
 from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
@@ -25,7 +28,7 @@ class DeepVoTraining:
     `loss` "relative" compares single steps instead of absolute poses. Squared errors of the
     absolute pose after n steps are divided by n ** `drift_power`: 0 as published, where late poses
     dominate; 2 compares the drift per step. Each batch has a random number of observed frames,
-    `shortest_past` to `num_past`.
+    `shortest_past` to `num_past`. Wang et al. 2017 train with Adagrad from FlowNet's weights.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -39,6 +42,10 @@ class DeepVoTraining:
     rotation_weight: float = 100.0  # of rad^2 against m^2, eq. 3.6
     rate: float = 1e-3
     weight_decay: float = 1e-4
+    optimiser: Literal["adamw", "adagrad"] = "adamw"
+    flownet: Path | None = (
+        None  # weights of FlowNetS-BN (flownets_bn_EPE2.459.pth.tar) to start from
+    )
 
     def __post_init__(self) -> None:
         if not 2 <= self.shortest_past <= self.num_past:
@@ -47,12 +54,17 @@ class DeepVoTraining:
             )
 
     def build(self) -> dict[str, nn.Module]:
-        """Build the pose network."""
-        return {"poses": PoseNetwork(self.architecture)}
+        """Build the pose network; raise BadData if FlowNet's weights do not fit its encoder."""
+        network = PoseNetwork(self.architecture)
+        if self.flownet is not None:
+            load_flownet(network.encoder, self.flownet)
+        return {"poses": network}
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Build AdamW for the network."""
+        """Build the optimiser of the network."""
         parameters = networks["poses"].parameters()
+        if self.optimiser == "adagrad":
+            return {"poses": torch.optim.Adagrad(parameters, self.rate)}
         return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Window]:
@@ -124,6 +136,22 @@ class DeepVoTraining:
     @property
     def _sizes(self) -> tuple[Intrinsics, int, int]:
         return self.architecture.camera, self.num_past, self.num_future
+
+
+def load_flownet(encoder: nn.Module, file: Path) -> None:
+    """Load the contracting part of FlowNetS with batch normalisation, whose layers are in the order
+    of the encoder's; inputs are in [-0.5, 0.5] as there.
+    """
+    content = inert_pickle.load(file)
+    stored = inert_pickle.state_dict(content.get("state_dict", content))
+    theirs = [
+        value
+        for key, value in stored.items()
+        if key.startswith("conv") and not key.endswith("batches_tracked")
+    ]
+    names = [key for key in encoder.state_dict() if not key.endswith("batches_tracked")]
+    with files.checked(f"{file} does not fit the encoder", "give FlowNetS-BN and encoder_width 1"):
+        encoder.load_state_dict(dict(zip(names, theirs, strict=True)), strict=False)
 
 
 def _mean(values: Tensor, weights: Tensor) -> Tensor:
