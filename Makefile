@@ -25,7 +25,7 @@ test: $(READY)  ## the whole test suite; with GEOVP_TEST_DATA=FOLDER also on rea
 	PYTHONDONTWRITEBYTECODE= PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(BIN)/python -m pytest $(PLUGINS) -n auto --dist worksteal -q $(if $(CI),--randomly-seed=1) $(TESTS)
 
 # In a copy, since cosmic-ray changes the sources themselves, one mutant at a time.
-mutation: $(READY)  ## do the tests notice changed sources? MODULE=geometry|metrics|statistics|store|scoring MUTANTS=60 SEED=1
+mutation: $(READY)  ## do the tests notice changed sources? MODULE=geometry|metrics|statistics|store|scoring|learned|tables MUTANTS=60 SEED=1
 	@set -e; $(BIN)/python -m pip install --quiet --constraint constraints.txt cosmic-ray; \
 	bin="$$PWD/$(BIN)"; copy=$$(mktemp -d); trap 'rm -rf "$$copy"' EXIT; \
 	git ls-files -z | xargs -0 cp --parents -P -t "$$copy"; cd "$$copy"; \
