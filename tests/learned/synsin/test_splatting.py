@@ -37,7 +37,7 @@ def splatted_naively(
                         found.append((float(-depths[b, n]), n, distance / splatter.radius_px))
                 light, weights = 1.0, []
                 for _, n, share in sorted(found)[: splatter.points_per_pixel]:
-                    alpha = max(1 - (share**2 + splatting.EPS) ** 0.5, 0)
+                    alpha = max(1 - max(share, 1e-3), 0)
                     weights.append((n, alpha * light))
                     light *= 1 - alpha
                 for n, weight in weights:
