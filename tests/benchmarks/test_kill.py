@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks import cli
-from tests.benchmarks.made import content, rows, write_matrix
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running.executors import TimeLimit
+from tests.benchmarks.conftest import Command
+from tests.benchmarks.made import content, go, rows, write_matrix
 
 METHODS = ("steady--slide", "slow", "noise")
 
@@ -73,10 +76,23 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
     assert 4 <= done < 15, "killed in the middle: 3 methods of 5 files each"
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
     scratch.write_bytes(b"half a file that a kill left behind")
+    os.utime(scratch, (0, 0))  # of long ago: another run may be writing newer ones
     assert begin(killed, toys, sleep_s=0.15).wait() == 0
     assert (
-        cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
+        cli.main(
+            [
+                "run",
+                str(matrix(whole, 0.0)),
+                "--out",
+                str(whole / "out"),
+                "--no-report",
+                "--workers",
+                "0",
+            ]
+        )
+        == 0
     )
+    assert not scratch.exists()
     for method in METHODS:
         resumed = rows(killed / "out", method)
         assert resumed == rows(whole / "out", method)
@@ -122,3 +138,47 @@ def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
     last = errors.read_text().splitlines()[-1]
     assert last == "geovp: interrupted: finished work is kept, rerun to continue"
     assert "Traceback" not in errors.read_text()
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize("death", ["kill", "hang"])
+def test_a_clip_that_ends_its_process_fails_alone_and_all_else_is_computed(
+    tmp_path: Path, death: str, command: Command
+) -> None:
+    """Clip 4 has a last observed frame of brightness 42."""
+    deadly = {"name": "toy-deadly", "brightness": 42, "death": death}
+    file = write_matrix(
+        tmp_path / "m.toml",
+        content({"clips": 8}, predictors={"deadly": deadly, "still": {"name": "toy-still"}}),
+    )
+    out = tmp_path / "out"
+    words = ["run", file, "--out", out, "--no-report", "--workers", "2", "--time-limit", "10"]
+    ended = command(*words)
+    assert ended.code == 1, ended.err
+    methods = Results(out).by_name()
+    assert [method.num_clips for method in methods.values()] == [8, 8]
+    assert methods["still"].scored.failures == {}
+    [(clip, failure)] = methods["deadly"].scored.failures.items()
+    reason = {"kill": "died (SIGKILL)", "hang": "longer than the time limit of 10 s"}[death]
+    assert (clip, failure.status) == ("road/004", "failed")
+    assert reason in failure.reason
+    assert reason in ended.out
+    # The failed prediction counts as a copy of the last frame, which is what "still" predicts.
+    assert rows(out, "deadly") == rows(out, "still")
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_clip_that_cannot_be_read_fails_and_the_others_are_computed(tmp_path: Path) -> None:
+    tables = content({"clips": 4, "broken_clip": 2}, predictors={"still": {"name": "toy-still"}})
+    (method,) = go(tmp_path, tables).values()
+    assert {clip: each.reason for clip, each in method.scored.failures.items()} == {
+        "road/002": "road/002.png is truncated: fetch it again"
+    }
+    assert {row["clip"] for row in rows(tmp_path, "still")} == {"road/000", "road/001", "road/003"}
+
+
+def test_the_time_limit_is_20_medians_and_at_least_2_minutes() -> None:
+    assert TimeLimit().now_s() == 3600
+    assert TimeLimit(taken_s=[1.0, 2.0, 9.0]).now_s() == 120
+    assert TimeLimit(taken_s=[1.0, 10.0, 90.0]).now_s() == 200
+    assert TimeLimit(7.0, taken_s=[10.0]).now_s() == 7

@@ -42,7 +42,9 @@ SHARED: dict[str, Any] = {
     ),
     "--every N = 1": option("Use only each Nth of these frames.", dest="frame_step"),
     "--keep CLIPS = 4": "Clips kept for figures: a number, all, or names with commas.",
-    "--workers WORKERS = 1": "Number of processes, or address of a Dask scheduler.",
+    "--workers WORKERS = 1": (
+        "Number of processes, 0 for this one (for a debugger), or address of a Dask scheduler."
+    ),
 }
 
 
@@ -135,7 +137,7 @@ def executor(text: str) -> dict[str, Any]:
     """Return the table of an executor for a number of processes or the address of a scheduler."""
     if ":" in text:
         return {"name": "dask", "address": text}
-    return {"name": "serial"} if text == "1" else {"name": "processes", "workers": number(1)(text)}
+    return {"name": "processes", "workers": number(1)(text)} if text != "0" else {"name": "serial"}
 
 
 def spec(text: str) -> dict[str, Any] | str:

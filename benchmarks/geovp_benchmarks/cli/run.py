@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from geovp.progress import announce
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import LinesAndCode, shared
+from geovp_benchmarks.cli.options import LinesAndCode, option, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
@@ -32,6 +32,11 @@ ARGUMENTS = {
     },
     "execution": {
         **shared("--workers", "--device"),
+        "--time-limit X": option(
+            "Seconds that a clip may take before it counts as failed. Default: 20 times the "
+            "median of the clips before, at least 120.",
+            dest="limit_s",
+        ),
         "--fresh": "Recompute results of other versions of the code.",
         "--dry-run": "Print what would be computed, with time and size, only.",
     },
@@ -49,6 +54,7 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     from geovp_benchmarks.matrix import schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.running.dry_run import dry_run
+    from geovp_benchmarks.running.executors import TimeLimit
     from geovp_benchmarks.running.plan import Plan
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
@@ -61,7 +67,7 @@ def run(args: argparse.Namespace) -> LinesAndCode:
         yield from dry_run(plan, args.workers.get("workers", 1))
         return 0
     executor = registry.build("executors", args.workers)
-    run_matrix(plan, executor)
+    run_matrix(plan, executor, limit=TimeLimit(args.limit_s))
     return (yield from conclude(results, has_report=not args.no_report))
 
 

@@ -189,17 +189,25 @@ class Matrix(ProtocolTable, ComponentTables):
         given = {key: value for key, value in settings.items() if value is not None}
         return self.model_copy(update=given)
 
+    @property
+    def data_root(self) -> Path | None:
+        """Return the root of the data set; BadData for a variable that is not set."""
+        given = self.root or self.dataset.get("root")
+        if not given or not isinstance(given, (str, Path)):
+            return None
+        root = os.path.expandvars(given)
+        if "$" in root or not root:
+            raise BadData(
+                f"the root of the data set is {given!s}, which is not set: set it, or give "
+                "--root FOLDER"
+            )
+        return Path(root)
+
     def build_dataset(self, needs: PrivilegedInput) -> Any:
         """Build the data set with the protocol's clips and the views that components need."""
-        spec, given = self.dataset, self.root or self.dataset.get("root")
-        if isinstance(given, (str, Path)):
-            root = os.path.expandvars(given)
-            if "$" in root or (given and not root):
-                raise BadData(
-                    f"the root of the data set is {given!s}, which is not set: set it, or give "
-                    "--root FOLDER"
-                )
-            spec = spec | {"root": root}
+        spec, root = self.dataset, self.data_root
+        if root is not None:
+            spec = spec | {"root": str(root)}
         with registry.defaults(
             num_frames=self.num_past + self.num_future,
             stride=self.stride,

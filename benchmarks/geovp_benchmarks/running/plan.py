@@ -34,7 +34,13 @@ class Plan:
     def built(self) -> BuiltMatrix:
         """Build everything once; nothing is written."""
         build_matrix.cache_clear()  # packages or weights may have been installed
-        return build_matrix(self.matrix.model_dump_json())
+        return build_matrix(self.matrix_json)
+
+    @cached_property
+    def matrix_json(self) -> str:
+        """Return the matrix as data for other processes, with the absolute root of its data."""
+        root = self.matrix.data_root
+        return self.matrix.override(root=root and root.resolve()).model_dump_json()
 
     @cached_property
     def clips(self) -> Sequence[str]:
@@ -135,7 +141,7 @@ class Plan:
 
     def tasks(self) -> Iterator[Task]:
         """Yield a task for each clip that some methods lack."""
-        matrix, root = self.matrix.model_dump_json(), self.results.root
+        matrix, root = self.matrix_json, self.results.root.resolve()
         missing = {method.name: self.missing(method) for method in self.methods}
         for index, clip in enumerate(self.clips):
             methods = [method for method in self.methods if clip in missing[method.name]]

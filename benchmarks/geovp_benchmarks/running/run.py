@@ -2,52 +2,64 @@
 
 import logging
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from geovp.progress import announce, report
+from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method
-from geovp_benchmarks.running.executors import Executor, completed
+from geovp_benchmarks.running.executors import Executor, Lost, TimeLimit, completed
 from geovp_benchmarks.running.plan import Plan
-from geovp_benchmarks.running.task import Scored, score_clip
+from geovp_benchmarks.running.task import Scored, attempts, load, score_clip, unscored
 
 logger = logging.getLogger(__name__)
 
 
 @contextmanager
-def results_lock(root: Path) -> Iterator[None]:
-    """Hold a results folder after another run has ended; the lock ends with the process."""
+def results_lock(root: Path, abandoned_s: float = 3600.0) -> Iterator[None]:
+    """Hold a results folder while shared records are written; the lock ends with the process.
+
+    Score files need no lock: each process writes its own.
+    """
     root.mkdir(parents=True, exist_ok=True)
     lock = FileLock(root / ".lock")
     with suppress(NotImplementedError):  # a file system without locks
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            logger.warning("waiting for another run in %s", root)
+            logger.info("waiting for another run that writes in %s", root)
             lock.acquire()
     try:
         for scratch in [*root.glob("*/*/.*.part"), *root.glob("clips/.*.part")]:
-            scratch.unlink(missing_ok=True)
+            with suppress(FileNotFoundError):
+                if time.time() - scratch.stat().st_mtime > abandoned_s:  # others are in use
+                    scratch.unlink()
         yield
     finally:
         lock.release()
 
 
-def run(plan: Plan, executor: Executor, interval_s: float = 2.0) -> list[Method]:
+def run(
+    plan: Plan, executor: Executor, interval_s: float = 2.0, limit: TimeLimit | None = None
+) -> list[Method]:
     """Compute missing and outdated scores, and return all methods.
 
-    Scores are written at intervals and at the end. Raises BadData if the matrix, the data set or
-    the folder is unsuitable.
+    Scores are written at intervals and at the end. A clip that ends its process or exceeds the time
+    limit is recorded as failed. Raises BadData if the matrix, the data set or the folder is
+    unsuitable.
     """
     # DuckDB would turn an interrupt of the main thread into an error of its own
-    with results_lock(plan.results.root), futures.ThreadPoolExecutor(1) as writer:
+    with futures.ThreadPoolExecutor(1) as writer:
         announce("building components and metrics")
-        begin(plan)
-        tasks = [*plan.tasks()]
+        with results_lock(plan.results.root):
+            begin(plan)
+        tasks = deque(plan.tasks())
         num_missing = sum(len(task.methods) for task in tasks)
         num_done = 0
         report(num_done, num_missing)
@@ -55,13 +67,20 @@ def run(plan: Plan, executor: Executor, interval_s: float = 2.0) -> list[Method]
         batch: list[Scored] = []
         written_s = 0.0
         try:
-            for results in completed(executor, score_clip, tasks, interval_s):
-                for scored in results:
-                    batch += scored
-                    num_done += len(scored)
-                    clip = scored[0][1].clips[0]
-                    announce(f"after {clip}")  # other processes do not announce their steps
-                    logger.info("clip %s: done", clip)
+            prepare = partial(load, plan.matrix_json)
+            for results in completed(executor, score_clip, tasks, limit, interval_s, prepare):
+                for task, outcome in results:
+                    if isinstance(outcome, Lost):
+                        logger.warning("clip %s: %s", task.clip, outcome)
+                        again = attempts(task, str(outcome))
+                        tasks.extendleft(again)
+                        if again:
+                            continue
+                        outcome = unscored(task, Failure("failed", str(outcome)))
+                    batch += outcome
+                    num_done += len(outcome)
+                    announce(f"after {task.clip}")  # other processes do not announce their steps
+                    logger.info("clip %s: done", task.clip)
                 report(num_done, num_missing)
                 if time.monotonic() - written_s >= interval_s:
                     writer.submit(plan.results.write_scores, batch).result()
@@ -92,8 +111,13 @@ def begin(plan: Plan) -> None:
 
 def finish(plan: Plan, batch: Sequence[Scored]) -> None:
     """Write the last scores, merge the score files of each method, and write its status."""
+    plan.results.write_scores(batch)
+    with results_lock(plan.results.root):
+        _merge(plan)
+
+
+def _merge(plan: Plan) -> None:
     results = plan.results
-    results.write_scores(batch)
     methods = [method for method in plan.methods if method.fingerprint]
     results.merge(methods)
     stored = results.by_name()

@@ -1,9 +1,10 @@
 """Task of a run: predict a clip with several methods, and score the predictions."""
 
+import errno
 import functools
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.profiling import Usage
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.interfaces import Dataset, FramePredictor
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
@@ -81,6 +82,12 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     return BuiltMatrix(matrix, matrix.build_dataset(needs), components, predictors, metrics)
 
 
+def load(matrix_json: str) -> None:
+    """Build the components of a matrix in this process, unless that is impossible here."""
+    with suppress(GeovpError):  # is recorded with each clip
+        build_matrix(matrix_json)
+
+
 @dataclass(frozen=True)
 class Task:
     """Clip and the methods that lack it, as data for any process."""
@@ -91,13 +98,52 @@ class Task:
     clip: str
     methods: Sequence[Method]
     is_kept: bool = False  # whether the clip and its predictions are stored
+    failure: Failure | None = None  # of an earlier attempt: nothing is predicted
+
+    def record(self, method: Method, **facts: Any) -> ScoreRecord:
+        """Return how a method was scored on the clip."""
+        return ScoreRecord(method.name, [self.clip], method.fingerprint, **facts)
+
+
+class GivenUp(Exception):
+    """A prediction that is not tried, since its process was lost before."""
 
 
 def score_clip(task: Task) -> list[Scored]:
     """Predict and score a clip with each method; only a kept clip and its predictions are written.
 
-    A copy of the last frame replaces a prediction that fails.
+    A copy of the last frame replaces a prediction that fails. A clip that cannot be read has no
+    scores; a full disk ends the run.
     """
+    try:
+        return _scored(task)
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        return unscored(task, Failure.of(error))
+
+
+def unscored(task: Task, failure: Failure) -> list[Scored]:
+    """Return records of a clip without scores."""
+    return [
+        (Scores([task.clip], {}), task.record(method, failures={task.clip: failure}))
+        for method in task.methods
+    ]
+
+
+def attempts(task: Task, reason: str) -> list[Task]:
+    """Return the tasks that replace one whose process was lost; none if nothing is left to try.
+
+    Each method is tried alone, and one that is lost again is replaced by a copy of the last frame.
+    """
+    if len(task.methods) > 1:
+        return [replace(task, methods=[method]) for method in task.methods]
+    if task.failure is None:
+        return [replace(task, failure=Failure("failed", reason))]
+    return []
+
+
+def _scored(task: Task) -> list[Scored]:
     built, results = build_matrix(task.matrix), Results(task.root)
     clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
     if task.is_kept:
@@ -113,24 +159,24 @@ def score_clip(task: Task) -> list[Scored]:
         scoring = Usage(steps)  # its peak is the same for all methods
         failures = {}
         try:
+            if task.failure is not None:
+                raise GivenUp
             prediction = _predict(predictor, method, context, clip, usage)
             with scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         except Exception as error:  # of a component: the run continues
-            failures[task.clip] = Failure.of(error)
+            failures[task.clip] = task.failure or Failure.of(error)
             prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
             with suppress(Exception), scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.predictions(method).write(task.clip, prediction)
-        record = ScoreRecord(
-            method=method.name,
-            clips=[task.clip],
-            fingerprint=method.fingerprint,
+        record = task.record(
+            method,
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            code=code_of(predictor),
+            code=method.code,
             failures=failures,
             facts={task.clip: clip.facts} if scores.values else {},
         )

@@ -4,6 +4,8 @@ when they work.
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -176,6 +178,21 @@ class Broken(Still):
         note(self.log, "predict")
         if context.frames[-1].max() >= self.brightness:
             raise ZeroDivisionError("the road ended")
+        return super().predict(context, num_samples)
+
+
+@dataclass(frozen=True)
+class Deadly(Still):
+    """Ends its process, or sleeps, on the clip whose last observed frame is as bright as this."""
+
+    brightness: int = 0
+    death: str = "kill"
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        if context.frames[-1].max() == self.brightness:
+            if self.death == "kill":
+                os.kill(os.getpid(), signal.SIGKILL)
+            time.sleep(1000.0)
         return super().predict(context, num_samples)
 
 
