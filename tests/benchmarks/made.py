@@ -174,6 +174,10 @@ class Frames:
         """Return one frame [H, W, 3]."""
         return self.frames[index]
 
+    def digest(self, index: int) -> bytes:
+        """Return the content of a frame."""
+        return self.frames[index].tobytes()
+
 
 def street_source(frames: ByteArray, times_s: FloatArray | None = None) -> Source:
     """Return a recording of the small street's camera for `geovp display`, by default at 10 Hz."""

@@ -14,15 +14,17 @@ from typing import Any
 import pytest
 
 from geovp import progress, provenance
-from geovp.provenance import code_hash
+from geovp.provenance import code_hash, sources
 from geovp_benchmarks.matrix import schema as matrices
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.running import plan, task
+from geovp_benchmarks.running import plan, scoring, task
 from geovp_benchmarks.running.executors import Serial
 from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
 from geovp_benchmarks.tables import tables
+from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.predictors.copy_last import CopyLast
+from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, write_matrix
@@ -92,25 +94,40 @@ class TestRuns:
 class TestCode:
     @pytest.fixture
     def package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-        """A package of a user, with one component."""
+        """Return a package of a user with one component that uses one of its other modules."""
         folder = tmp_path / "somebodys_package"
         folder.mkdir()
         (folder / "__init__.py").write_text("")
-        (folder / "parts.py").write_text("class Hover:\n    pass\n")
+        (folder / "parts.py").write_text(
+            "class Hover:\n    def f(self):\n        from . import used\n"
+        )
+        for name in ("used", "unused"):
+            (folder / f"{name}.py").write_text("")
         monkeypatch.syspath_prepend(tmp_path)
         yield folder
-        provenance._source_hash.cache_clear()
+        provenance._source.cache_clear()
         for name in [name for name in sys.modules if name.startswith("somebodys_package")]:
             del sys.modules[name]
 
-    def test_a_change_in_a_users_package_is_seen_and_only_there(self, package: Path) -> None:
+    def test_a_change_counts_in_the_modules_that_a_component_uses_alone(
+        self, package: Path
+    ) -> None:
         hover = importlib.import_module("somebodys_package.parts").Hover()
         before, ours = code_hash([hover]), code_hash([CopyLast()])
         assert before != ours
-        (package / "more.py").write_text("SPEED = 3\n")
-        provenance._source_hash.cache_clear()
-        assert code_hash([hover]) != before
+        for name, is_other in (("unused", False), ("used", True)):
+            (package / f"{name}.py").write_text("SPEED = 3\n")
+            provenance._source.cache_clear()
+            assert (code_hash([hover]) != before) == is_other
         assert code_hash([CopyLast()]) == ours
+
+    def test_a_loader_does_not_count_for_a_predictor(self) -> None:
+        fusion = GeometricPredictor(ConstantTurn(), DepthFusion())
+        for component in (CopyLast(), fusion):
+            used = sources([component], [task.__name__, scoring.__name__])
+            assert "geovp_classic.data.kitti" not in used
+            assert {type(component).__module__, "geovp_classic.metrics.strata"} <= used.keys()
+        assert {"geovp_classic.rendering.fusion", "geovp_classic.depth.multiview"} <= used.keys()
 
     def test_parts_of_parts_count(self, package: Path) -> None:
         hover = importlib.import_module("somebodys_package.parts").Hover

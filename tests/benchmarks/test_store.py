@@ -221,7 +221,7 @@ def test_scores_and_kept_files_of_earlier_settings_come_back_with_these(tmp_path
     results.write_scores([(rows(3.0), ScoreRecord("x", ["a"], "new"))])
     results.merge([results.by_name()["x"]])
     assert values(results) == [3.0]
-    assert [*results.scored("x", "old")] == ["a"]
+    assert [*results.scored("x", "old", {})] == ["a"]
     results = begun(tmp_path, "old")
     assert values(results) == [1.0]
     assert results.predictions(results.by_name()["x"]).names == ["a"]

@@ -129,8 +129,9 @@ def _matrix(pair: Pair, root: Path | None) -> Matrix:
 
 def _recompute(pair: Pair, matrix: Matrix) -> Scored:
     """Return the scores of a pair; raise GeovpError if only this prediction fails."""
-    index = pair.results.protocol()["clips"].index(pair.clip)
-    task = Task(matrix.model_dump_json(), pair.results.root, index, pair.clip, [pair.method])
+    content = matrix.model_dump_json()
+    index = build_matrix(content).clip_names.index(pair.clip)
+    task = Task(content, pair.results.root, index, pair.clip, "", [pair.method])
     [(scores, record)] = score_clip(task)
     if record.failures and pair.clip not in pair.record.failures:
         raise GeovpError(record.failures[pair.clip].reason)

@@ -2,10 +2,11 @@
 such as "motion.past.world_from_cam".
 """
 
+import hashlib
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 from urllib.parse import quote, unquote
@@ -28,17 +29,22 @@ class KeptFiles(Generic[Stored]):
     folder: Path
     fingerprint: str
     kind: type[Stored]
+    digests: Mapping[str, str] = field(default_factory=dict)  # of the content of clips
 
     @property
     def names(self) -> list[str]:
         """Return the names of the clips that have a file."""
-        end = self.path("").name
-        paths = sorted(self.folder.glob(f"[!.]*{end}"))
-        return [unquote(path.name.removesuffix(end)) for path in paths]
+        names = {
+            path: unquote(path.stem.rpartition(".")[0]) for path in self.folder.glob("[!.]*.npz")
+        }
+        return sorted(name for path, name in names.items() if path == self.path(name))
 
     def path(self, clip: str) -> Path:
         """Return the file of a clip, from whose name that of the clip can be recovered."""
-        return self.folder / f"{quote(clip, safe='+@=, ')}.{self.fingerprint[:8]}.npz"
+        key = self.fingerprint
+        if digest := self.digests.get(clip):
+            key = hashlib.sha256(f"{key}{digest}".encode()).hexdigest()
+        return self.folder / f"{quote(clip, safe='+@=, ')}.{key[:8]}.npz"
 
     def write(self, clip: str, value: Stored) -> None:
         """Write all fields but those that are None; a clip without its full and right views."""
@@ -65,13 +71,13 @@ def is_whole(path: Path) -> bool:
 
 def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the path and value of each field."""
-    for field in fields(value):
-        item = getattr(value, field.name)
+    for each in fields(value):
+        item = getattr(value, each.name)
         if is_dataclass(item):
-            if field.name in NESTED:  # not the full and right views of a clip
-                yield from _flattened(item, f"{prefix}{field.name}.")
+            if each.name in NESTED:  # not the full and right views of a clip
+                yield from _flattened(item, f"{prefix}{each.name}.")
         elif item is not None:
-            yield prefix + field.name, item
+            yield prefix + each.name, item
 
 
 def _built(kind: Any, arrays: Mapping[str, Any]) -> Any:

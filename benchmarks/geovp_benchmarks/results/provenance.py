@@ -8,6 +8,8 @@ from typing import Any
 from geovp_benchmarks.results.score_names import CONFIDENCE
 from geovp_benchmarks.results.store import Method
 
+PATHS = ("root", "path")  # settings of data sets that say where they are, not what they hold
+
 
 def content_hash(value: Any) -> str:
     """Return the SHA-256 of a JSON value, independent of the order of keys."""
@@ -21,7 +23,7 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     """
     shared = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
     facts = {key: protocol.get(key) for key in shared}
-    uncounted = ("root", "with_full", "with_right")  # the folder, and views that methods need
+    uncounted = (*PATHS, "with_full", "with_right")  # the folder, and views that methods need
     dataset = protocol["dataset"].items()
     facts["dataset"] = {key: value for key, value in dataset if key not in uncounted}
     of_a_metric = ("asked", "unit", "definition")

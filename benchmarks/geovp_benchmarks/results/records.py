@@ -22,6 +22,7 @@ class Protocol(TypedDict):
     name: str
     methods: list[Name]  # in the order of the matrix file
     clips: list[str]  # in order
+    # digests: dict[str, str], by clip; missing in results of earlier versions
     dataset: dict[str, Any]
     dataset_name: str
     split_hash: str

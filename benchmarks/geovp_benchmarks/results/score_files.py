@@ -61,6 +61,7 @@ class ScoreRecord:
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
     failures: dict[str, Failure] = field(default_factory=dict)  # by clip
     written_ns: int = 0  # the newest scores of a clip count
+    digests: dict[str, str] = field(default_factory=dict)  # of the content of the clips, if known
     # numbers of the clips themselves, by clip; empty when read, see `ScoreFiles.facts`
     facts: Annotated[Facts, Field(exclude=True)] = field(default_factory=dict)
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
@@ -75,11 +76,13 @@ class NewestRecords(dict[str, ScoreRecord]):
     """How clips of a method were scored: the newest record of each."""
 
     @classmethod
-    def of(cls, records: Iterable[ScoreRecord]) -> Self:
-        """Return the newest record of each clip that is in records."""
+    def of(cls, records: Iterable[ScoreRecord], digests: Mapping[str, str] | None = None) -> Self:
+        """Return the newest record of each clip; with digests, of clips with this content."""
         newest = cls()
         for record in sorted(records, key=lambda record: record.written_ns):
-            newest.update(dict.fromkeys(record.clips, record))
+            for clip in record.clips:
+                if digests is None or record.digests.get(clip, "") == digests.get(clip, ""):
+                    newest[clip] = record
         return newest
 
     @property
@@ -115,6 +118,11 @@ class NewestRecords(dict[str, ScoreRecord]):
                 seconds=group.seconds,
                 peak_memory_mb=group.peak_memory_mb,
                 failures=group.failures,
+                digests={
+                    clip: record.digests[clip]
+                    for clip, record in group.items()
+                    if clip in record.digests
+                },
                 written_ns=max(record.written_ns for record in group.values()),
             )
             for group in groups.values()
@@ -191,14 +199,20 @@ class ScoreFiles:
         facts = {clip: numbers for record in records for clip, numbers in record.facts.items()}
         self._copy(query, method, NewestRecords.of(records), facts)
 
-    def merge(self, method: str, fingerprint: str) -> None:
-        """Merge the score files of one fingerprint in the folder of a method."""
+    def merge(self, method: str, fingerprint: str, digests: Mapping[str, str]) -> None:
+        """Merge the score files of one fingerprint and data in the folder of a method."""
         folder = self.root / method / "scores"  # a file that methods share stays
         records = [
             record
             for record in self.records.get(method, ())
             if record.fingerprint == fingerprint and record.path.parent == folder
         ]
+        others = {
+            record.path
+            for record in records
+            if any(digests.get(clip, "") != digest for clip, digest in record.digests.items())
+        }
+        records = [record for record in records if record.path not in others]
         paths = {record.path for record in records}
         if len(paths) < 2:
             return

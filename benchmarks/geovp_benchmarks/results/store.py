@@ -1,10 +1,10 @@
 """Results on disk: the only module that knows where which file is.
 
     <root>/protocol.json                      data set, clip names, sizes, metrics, versions
-    <root>/clips/<clip>.<id>.npz              kept clips, by the id of the protocol's fingerprint
+    <root>/clips/<clip>.<id>.npz              kept clips, by their content
     <root>/<method>/method.json               components, privileged inputs, status; see Method
     <root>/<method>/scores/part-<hash>.parquet  a row per clip, sample, step and metric
-    <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by the method's fingerprint
+    <root>/<method>/predictions/<clip>.<id>.npz  kept predictions, by method and content
     <root>/tables  plots  report.html
 
 Files are written next to their destination and renamed. Scores are stored by clip name, in one
@@ -107,23 +107,32 @@ class Results:
     def by_name(self) -> dict[str, Method]:
         """Return all methods that have been begun, by the name of their folders."""
         protocol, methods = self.protocol(), {}
-        clips = protocol["clips"]
+        clips, digests = protocol["clips"], protocol.get("digests", {})
         for name in protocol["methods"]:
             path = self.root / name / "method.json"
             if path.exists():
                 method: Method = records.read(path, Method, name=name)
-                stored = self.scored(name, method.fingerprint)
+                stored = self.scored(name, method.fingerprint, digests)
                 scored = NewestRecords({clip: stored[clip] for clip in clips if clip in stored})
                 is_partial = method.status == "done" and len(scored) < len(clips)
                 status = "partial" if is_partial else method.status
                 methods[name] = method.model_copy(update={"scored": scored, "status": status})
         return methods
 
+    def scored(self, method: str, fingerprint: str, digests: Mapping[str, str]) -> NewestRecords:
+        """Return how all clips of this content were scored, without damaged files."""
+        records = self._records().get(method, ())
+        of_method = (each for each in records if each.fingerprint == fingerprint)
+        return NewestRecords.of(of_method, digests)
+
     @_remembered
-    def scored(self, method: str, fingerprint: str) -> NewestRecords:
-        """Return how all clips of a method were scored, without damaged files."""
-        of_method = self._score_files.records.get(method, ())
-        return NewestRecords.of(each for each in of_method if each.fingerprint == fingerprint)
+    def _records(self) -> dict[str, list[ScoreRecord]]:
+        return self._score_files.records
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Return the hash of the content of each clip; empty in results of earlier versions."""
+        return self.protocol().get("digests", {}) if self.begun else {}
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
@@ -156,11 +165,13 @@ class Results:
 
     def predictions(self, method: Method) -> KeptFiles[Prediction]:
         """Return the kept predictions of a method."""
-        return KeptFiles(self.root / method.name / "predictions", method.fingerprint, Prediction)
+        folder = self.root / method.name / "predictions"
+        return KeptFiles(folder, method.fingerprint, Prediction, self.digests)
 
     def clips(self, fingerprint: str = "") -> KeptFiles[Clip]:
         """Return the kept clips, past and future, of the protocol or of another fingerprint."""
-        return KeptFiles(self.root / "clips", fingerprint or self.protocol()["fingerprint"], Clip)
+        fingerprint = fingerprint or self.protocol()["fingerprint"]
+        return KeptFiles(self.root / "clips", fingerprint, Clip, self.digests)
 
     @_remembered
     def damaged_files(self) -> list[Path]:
@@ -214,7 +225,7 @@ class Results:
     def merge(self, methods: Iterable[Method]) -> None:
         """Merge the score files of each method into one; those of other settings stay."""
         for method in methods:
-            self._score_files.merge(method.name, method.fingerprint)
+            self._score_files.merge(method.name, method.fingerprint, self.digests)
         self.memory.clear()
 
     def discard(self, method: Method) -> None:

@@ -14,7 +14,7 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
     for method in plan.methods:
         clips = plan.missing(method)
         num_missing += len(clips)
-        scored = plan.results.scored(method.name, method.fingerprint)
+        scored = plan.results.scored(method.name, method.fingerprint, plan.digests)
         note = method.reason or "unknown"
         if scored:
             per_clip_s = sum(scored.seconds.values()) / len(scored)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from geovp.provenance import versions
 from geovp_benchmarks.matrix.components import weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
-from geovp_benchmarks.results.provenance import content_hash, protocol_id
+from geovp_benchmarks.results.provenance import PATHS, content_hash, protocol_id
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, code_of
@@ -62,31 +61,47 @@ class Plan:
     def protocol(self) -> dict[str, Any]:
         """Return the content of protocol.json.
 
-        Its fingerprint is a hash of what all scores depend on except the method and the code.
+        Its fingerprint is a hash of what all scores depend on except clips, method and code.
         """
         built, matrix = self.built, self.matrix
-        dataset = registry.describe(built.dataset)
-        views = ("with_full", "with_right", "stride")  # follow from the methods, or only add clips
-        frames = {key: value for key, value in dataset.items() if key not in views}
-        if "root" in frames:
-            frames["root"] = str(Path(frames["root"]).resolve())
         # "" if the settings determine the frames
         split_hash = str(getattr(built.dataset, "split_hash", ""))
-        numbers = [matrix.num_past, matrix.num_future, *matrix.size_px]
-        fingerprint = content_hash({"dataset": frames, "split": split_hash, "numbers": numbers})
+        fingerprint = content_hash([matrix.num_past, matrix.num_future, *matrix.size_px])
         shared = {"name", "num_past", "num_future", "size_px", "stride"}
         protocol = {
             **matrix.model_dump(include=shared),
-            "dataset": dataset,
+            "dataset": registry.describe(built.dataset),
             "dataset_name": built.dataset.name,
             "split_hash": split_hash,
             "metrics": built.metrics.about,
             "methods": self._names(fingerprint),
             "clips": list(self.clips),
+            "digests": self.digests,
             "fingerprint": fingerprint,
             "versions": versions(),
         }
         return {**protocol, "id": protocol_id(protocol)}
+
+    @cached_property
+    def digests(self) -> dict[str, str]:
+        """Return a hash of the content of each clip.
+
+        Data sets that cannot tell it have the hash of their settings, without paths.
+        """
+        dataset = self.built.dataset
+        if hasattr(dataset, "clip_digest"):
+            return {clip: dataset.clip_digest(index) for index, clip in enumerate(self.clips)}
+        settings = registry.describe(dataset).items()
+        unused = (*PATHS, "with_full", "with_right", "stride", "num_clips")  # or only add clips
+        frames = {key: value for key, value in settings if key not in unused}
+        digest = content_hash([frames, str(getattr(dataset, "split_hash", ""))])[:16]
+        return dict.fromkeys(self.clips, digest)
+
+    @property
+    def changed(self) -> list[str]:
+        """Return the clips whose content differs from that of the last run in the folder."""
+        before = self.results.digests
+        return [clip for clip, digest in self.digests.items() if before.get(clip, digest) != digest]
 
     def _names(self, fingerprint: str) -> list[str]:
         """Return the names of the methods, with those of earlier runs with other --methods."""
@@ -131,7 +146,9 @@ class Plan:
         predicted = set(self.results.clips(self.protocol["fingerprint"]).names)
         predicted &= set(self.results.predictions(method).names)
         missing = set(self.clips)
-        for clip, record in self.results.scored(method.name, method.fingerprint).items():
+        for clip, record in self.results.scored(
+            method.name, method.fingerprint, self.digests
+        ).items():
             has_failed = clip in record.failures and record.failures[clip].status == "failed"
             has_metrics = self.built.metrics.described.items() <= record.metrics.items()
             is_current = record.code == method.code or not self.is_fresh
@@ -146,7 +163,8 @@ class Plan:
         for index, clip in enumerate(self.clips):
             methods = [method for method in self.methods if clip in missing[method.name]]
             if methods:
-                yield Task(matrix, root, index, clip, methods, clip in self.stored_clips)
+                is_kept = clip in self.stored_clips
+                yield Task(matrix, root, index, clip, self.digests[clip], methods, is_kept)
 
 
 def select(keep: str, clips: Sequence[str]) -> set[str]:

@@ -61,5 +61,6 @@ def _rescored(
         method.fingerprint,
         failures=method.scored.failures,
         facts={name: clip.facts},
+        digests={name: digest} if (digest := results.digests.get(name)) else {},
     )
     return scores, record

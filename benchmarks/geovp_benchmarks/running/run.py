@@ -97,6 +97,12 @@ def begin(plan: Plan) -> None:
     Damaged files are set aside.
     """
     results = plan.results
+    if changed := plan.changed:
+        logger.warning(
+            "%d clips changed since they were scored, such as %s: they are computed again",
+            len(changed),
+            changed[0],
+        )
     results.write_protocol(plan.protocol)
     stored = results.by_name()
     for method in plan.methods:

@@ -96,13 +96,20 @@ class Task:
     root: Path  # of the results
     index: int  # in the data set
     clip: str
+    digest: str  # of its content
     methods: Sequence[Method]
     is_kept: bool = False  # whether the clip and its predictions are stored
     failure: Failure | None = None  # of an earlier attempt: nothing is predicted
 
     def record(self, method: Method, **facts: Any) -> ScoreRecord:
         """Return how a method was scored on the clip."""
-        return ScoreRecord(method.name, [self.clip], method.fingerprint, **facts)
+        return ScoreRecord(
+            method.name,
+            [self.clip],
+            method.fingerprint,
+            digests={self.clip: self.digest} if self.digest else {},
+            **facts,
+        )
 
 
 class GivenUp(Exception):
@@ -176,7 +183,7 @@ def _scored(task: Task) -> list[Scored]:
             metrics=built.metrics.described,
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
-            code=method.code,
+            code=code_of(predictor),
             failures=failures,
             facts={task.clip: clip.facts} if scores.values else {},
         )

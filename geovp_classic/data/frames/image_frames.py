@@ -4,6 +4,7 @@ Images are decoded only if they are complete. PNG has a checksum for every chunk
 PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
 """
 
+import hashlib
 import io
 import math
 import os
@@ -37,6 +38,9 @@ class FrameReader(Protocol):
 
     def read(self, index: int) -> ByteArray:
         """Return one frame [H, W, 3]; BadData names the file that is wrong."""
+
+    def digest(self, index: int) -> bytes:
+        """Return a hash of the content of a frame, which does not depend on its path."""
 
 
 def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
@@ -144,6 +148,13 @@ class FrameFiles:
     def __len__(self) -> int:
         return len(self.paths)
 
+    def digest(self, index: int) -> bytes:
+        """Return a hash of the content of a frame, from a part of its file."""
+        path = self.paths[index]
+        if path is None or not path.is_file():  # an image of a bag
+            return hashlib.sha256(self.read(index).tobytes()).digest()
+        return file_digest(path)
+
     def read(self, index: int) -> Array:
         """Return one frame [H, W, ...]; BadData if its file is damaged or of another size."""
         path = self.paths[index]
@@ -157,6 +168,20 @@ class FrameFiles:
                 f"{width_px}x{height_px} as the first frame or the calibration: restore the file"
             )
         return image
+
+
+def file_digest(path: Path, sample_bytes: int = 1024) -> bytes:
+    """Return a hash of a file's size and of its start, middle and end.
+
+    The ends of compressed images depend on all pixels (PNG has checksums there).
+    """
+    with files.opened(path) as file:
+        size = file.seek(0, io.SEEK_END)
+        digest = hashlib.sha256(str(size).encode())
+        for start in (0, size // 2, max(0, size - sample_bytes)):
+            file.seek(start)
+            digest.update(file.read(sample_bytes))
+    return digest.digest()
 
 
 def is_image(path: Path) -> bool:

@@ -134,6 +134,10 @@ class UndistortedFrames:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def digest(self, index: int) -> bytes:
+        """Return a hash of the content of a frame and of its lens."""
+        return self.frames.digest(index) + repr(self.cameras[index]).encode()
+
     def read(self, index: int) -> Array:
         """Return one frame; without distortion, it is not resampled."""
         image = self.frames.read(index)

@@ -17,7 +17,7 @@ from av.stream import Disposition
 from av.video.reformatter import VideoReformatter
 
 from geovp_classic import files
-from geovp_classic.data.frames.image_frames import MAX_PIXELS
+from geovp_classic.data.frames.image_frames import MAX_PIXELS, file_digest
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
@@ -50,6 +50,10 @@ class VideoFrames:
 
     def __len__(self) -> int:
         return len(self._ticks)
+
+    def digest(self, index: int) -> bytes:
+        """Return a hash of the content of a frame, from a part of the video's file."""
+        return file_digest(self.path) + str(index).encode()
 
     @property
     def rate_hz(self) -> float | None:

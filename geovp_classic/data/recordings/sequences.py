@@ -305,6 +305,29 @@ class SequenceDataset(ABC):
             fit=self.fit,
         )
 
+    def clip_digest(self, index: int) -> str:
+        """Return a hash of the content of a clip, which does not depend on paths.
+
+        Of image files, the size and a sample of bytes are read.
+        """
+        sequence, first = self._starts[index]
+        recording = self.recordings[sequence]
+        known = self._frame_digests
+        for step in range(first, first + self.num_frames):
+            if (sequence, step) not in known:
+                right = recording.right and recording.right.frames
+                readers = filter(None, (recording.frames, recording.depths, right))
+                known[sequence, step] = b"".join(reader.digest(step) for reader in readers)
+        span = slice(first, first + self.num_frames)
+        frame_digests = [known[sequence, step] for step in range(span.start, span.stop)]
+        shape = repr((self.size_px, self.fit, self.image_bits)).encode()
+        return windows.digest(recording, span, [shape, *frame_digests])
+
+    @cached_property
+    def _frame_digests(self) -> dict[tuple[str, int], bytes]:
+        """Return the hashes of frames that were read, since clips overlap."""
+        return {}
+
     def _named_ranges(self) -> tuple[FrameRange, ...]:
         """Return the frames that the settings name."""
         ranges = map(FrameRange, self._folders)

@@ -1,5 +1,6 @@
 """Clips cut from long recordings: which frames, which square of the image, with which camera."""
 
+import hashlib
 import itertools
 import re
 from collections.abc import Iterable
@@ -154,6 +155,10 @@ class SelectedFrames:
         """Return one frame; BadData names the file that is wrong."""
         return self.frames.read(int(self.numbers[index]))
 
+    def digest(self, index: int) -> bytes:
+        """Return a hash of the content of a frame."""
+        return self.frames.digest(int(self.numbers[index]))
+
 
 def frames_at_rate(
     times_s: FloatArray, rate_hz: Rate, frame_step: int = 1, anchor: int = 0
@@ -209,6 +214,16 @@ def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[F
 def clip_name(sequence: str, first: int) -> str:
     """Return the name of a clip in results: its sequence and first frame, "03/000180"."""
     return f"{sequence}/{first:06d}"
+
+
+def digest(recording: Recording, span: slice, frame_digests: Iterable[bytes]) -> str:
+    """Return a short hash of all that a clip consists of: frames, times, poses and camera."""
+    content = hashlib.sha256(b"".join(frame_digests))
+    content.update(np.ascontiguousarray(recording.times_s[span]).tobytes())
+    if recording.trajectory is not None:
+        content.update(np.ascontiguousarray(recording.trajectory[span].world_from_cam).tobytes())
+    content.update(repr((recording.intrinsics, recording.camera_height_m)).encode())
+    return content.hexdigest()[:16]
 
 
 def cut(
