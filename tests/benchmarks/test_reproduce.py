@@ -88,8 +88,7 @@ def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Result
 
 def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> None:
     means = {
-        method.name: done[1].scores(method.name).means()["ms-ssim"].mean()
-        for method in done[1].methods()
+        method.name: done[1].means(method.name)["ms-ssim"].mean() for method in done[1].methods()
     }
     assert means["gt-3d--fusion"] > means["copy-last"] + 0.2
 
@@ -137,8 +136,7 @@ def test_cityscapes_at_a_smaller_size(
     assert shared["clips"] == ["lindau_000000_000019/000000"]
     assert (shared["num_past"], shared["num_future"]) == (4, 10)
     scores = {
-        method.label: results.scores(method.name).means()["ms-ssim"].mean()
-        for method in results.methods()
+        method.label: results.means(method.name)["ms-ssim"].mean() for method in results.methods()
     }
     assert scores["vo+prior + fusion"] > scores["copy-last"]
     text = (results.tables / "fvs20-cityscapes.md").read_text()

@@ -56,7 +56,7 @@ def _covered(results: Results) -> tuple[dict[str, float], str]:
     """Return the fraction of pixels that a method covers by clip, and its name in words."""
     for method in results.methods():
         if method.kind == "geometric" and method.status == "done":
-            samples = results.scores(method.name).means()[COVERAGE]
+            samples = results.means(method.name)[COVERAGE]
             covered = nanmean(samples, axis=1).tolist()  # over samples
             facts = dict(zip(results.protocol()["clips"], covered, strict=True))
             return facts, f", as {method.label} covers it"

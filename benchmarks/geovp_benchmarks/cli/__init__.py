@@ -25,6 +25,7 @@ from geovp_classic.errors import GeovpError, install_command
 
 COMMANDS = (
     "run",
+    "merge",
     "rescore",
     "reproduce",
     "table",

@@ -41,6 +41,7 @@ SHARED: dict[str, Any] = {
         dest="rate_hz",
     ),
     "--every N = 1": option("Use only each Nth of these frames.", dest="frame_step"),
+    "--shard I/N": "Compute part I of N of the clips only; other processes compute the others.",
     "--keep CLIPS = 4": "Clips kept for figures: a number, all, or names with commas.",
     "--workers WORKERS = 1": (
         "Number of processes, 0 for this one (for a debugger), or address of a Dask scheduler."
@@ -77,6 +78,7 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
         "DIR": Path,
         "FILE": Path,
         "FOLDER": Path,
+        "I/N": shard,
         "INPUT": Path,
         "MATRIX": Path,
         "N": number(1),
@@ -124,6 +126,13 @@ def rate(text: str) -> float | str:
     """Parse a number of frames per second, or "native"."""
     parse: Callable[[str], float] = number(0.02, 1e4, float)
     return text if text == "native" else parse(text)
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Parse the number of a part and of all parts, such as 3/64."""
+    part, _, count = text.partition("/")
+    num_parts = number(1)(count)
+    return int(number(1, num_parts)(part)), int(num_parts)
 
 
 def device(text: str) -> str:

@@ -6,6 +6,7 @@ the same folder stay when --methods selects others.
 Examples:
   geovp run demo
   geovp run fusion --root path/to/kitti --workers 2
+  geovp run fusion --root path/to/kitti --out shards/$I --shard $I/64
   geovp run demo --methods "gt-3d + fusion" copy-last
   geovp run demo --set protocol.stride=20 --set renderers.fusion.inpainter.name=telea
 """
@@ -31,7 +32,7 @@ ARGUMENTS = {
         "--samples N": "Largest number of sampled futures. Default: those of the matrix.",
     },
     "execution": {
-        **shared("--workers", "--device"),
+        **shared("--workers", "--device", "--shard"),
         "--time-limit X": option(
             "Seconds that a clip may take before it counts as failed. Default: 20 times the "
             "median of the clips before, at least 120.",
@@ -62,13 +63,23 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     matrix = schema.read(args.matrix, args.set).select(*args.methods)
     matrix = matrix.override(root=args.root, device=args.device, max_samples=args.samples)
     results = Results(folder(args))
-    plan = Plan(matrix, results, args.limit, args.keep, args.fresh)
+    plan = Plan(matrix, results, args.limit, args.keep, args.fresh, args.shard)
     if args.dry_run:
         yield from dry_run(plan, args.workers.get("workers", 1))
         return 0
     executor = registry.build("executors", args.workers)
     run_matrix(plan, executor, limit=TimeLimit(args.limit_s))
-    return (yield from conclude(results, has_report=not args.no_report))
+    if args.shard is None:
+        return (yield from conclude(results, has_report=not args.no_report))
+    clips = set(plan.own_clips)
+    lines = [
+        f"{method.label}: {len(clips & method.scored.keys())} of {len(clips)} clips of the shard, "
+        f"{len(clips & method.scored.failures.keys())} failed"
+        for method in results.methods()
+    ]
+    yield from lines
+    failed = [method for method in results.methods() if clips & method.scored.failures.keys()]
+    return int(bool(failed))
 
 
 def folder(args: argparse.Namespace) -> Path:

@@ -185,6 +185,28 @@ class ScoreFiles:
             by_method.setdefault(method, {})[metric] = scores
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
+    def means(
+        self, records: Mapping[str, NewestRecords], clips: Sequence[str], num_steps: int | None
+    ) -> dict[str, dict[str, FloatArray]]:
+        """Return means over all or the first steps [N, S] by method and metric.
+
+        The database reduces the steps: those of many samples would fill the memory.
+        """
+        self._select(records, clips)
+        columns = self._database.execute(
+            "SELECT method, metric, max(sample) + 1, list(number::BIGINT * 1000000 + sample), "
+            "list(coalesce(mean, 'nan')) FROM (SELECT method, metric, number, sample, "
+            "avg(value) AS mean FROM selected WHERE step <= $1 GROUP BY ALL) "
+            "GROUP BY ALL ORDER BY ALL",
+            [num_steps or 10**6],
+        ).fetchnumpy()
+        by_method: dict[str, dict[str, FloatArray]] = {}
+        for method, metric, samples, places, values in zip(*columns.values(), strict=True):
+            means = np.full((len(clips), samples), np.nan)
+            means[np.unravel_index(places, (len(clips), 10**6))] = values
+            by_method.setdefault(method, {})[metric] = means
+        return by_method
+
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]

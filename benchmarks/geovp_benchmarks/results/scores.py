@@ -19,10 +19,6 @@ class Scores:
     clips: Sequence[str]
     values: Mapping[str, FloatArray]  # by metric, [N, S, F]; NaN: not defined, or not stored
 
-    def means(self, num_steps: int | None = None) -> dict[str, FloatArray]:
-        """Return means over all or the first steps [N, S] by metric."""
-        return {name: nanmean(each[..., :num_steps], axis=2) for name, each in self.values.items()}
-
     def rows(self) -> Iterator[Row]:
         """Yield all values by clip, metric, sample and step."""
         for number, clip in enumerate(self.clips):

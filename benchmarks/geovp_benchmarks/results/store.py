@@ -31,7 +31,7 @@ from geovp_benchmarks.results.scores import Scores
 from geovp_classic import files
 from geovp_classic.atomic import write_bytes
 from geovp_classic.errors import BadData, nearest
-from geovp_classic.types import Clip, Prediction
+from geovp_classic.types import Clip, FloatArray, Prediction
 
 __all__ = ["Method", "Results", "ScoreRecord", "Scores"]
 
@@ -108,16 +108,24 @@ class Results:
         """Return all methods that have been begun, by the name of their folders."""
         protocol, methods = self.protocol(), {}
         clips, digests = protocol["clips"], protocol.get("digests", {})
-        for name in protocol["methods"]:
+        listed = protocol["methods"]
+        for name in [*listed, *self._copied_methods(listed)]:
             path = self.root / name / "method.json"
             if path.exists():
                 method: Method = records.read(path, Method, name=name)
+                if name not in listed and method.asked.get("protocol") != protocol["fingerprint"]:
+                    continue  # of another protocol
                 stored = self.scored(name, method.fingerprint, digests)
                 scored = NewestRecords({clip: stored[clip] for clip in clips if clip in stored})
                 is_partial = method.status == "done" and len(scored) < len(clips)
                 status = "partial" if is_partial else method.status
                 methods[name] = method.model_copy(update={"scored": scored, "status": status})
         return methods
+
+    def _copied_methods(self, listed: Sequence[str]) -> list[str]:
+        """Return the folders of methods that the protocol does not list, such as copied ones."""
+        names = (path.parent.name for path in self.root.glob("*/method.json"))
+        return sorted(set(names).difference(listed))
 
     def scored(self, method: str, fingerprint: str, digests: Mapping[str, str]) -> NewestRecords:
         """Return how all clips of this content were scored, without damaged files."""
@@ -136,24 +144,42 @@ class Results:
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
+        self._check_damage(method)
         scores = self.select()._all_scores()
+        return scores.get(method, Scores(self.protocol()["clips"], {}))
+
+    def _check_damage(self, method: str) -> None:
         for path in self._score_files.damaged:
             if path.parent in (self.root / "scores", self.root / method / "scores"):
                 raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
-        return scores.get(method, Scores(self.protocol()["clips"], {}))
+
+    def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
+        """Return means over all or the first steps [N, S] of the protocol's clips by metric."""
+        self._check_damage(method)
+        return self.select()._all_means(num_steps).get(method, {})
+
+    @_remembered
+    def _all_means(self, num_steps: int | None) -> dict[str, dict[str, FloatArray]]:
+        means: dict[str, dict[str, FloatArray]] = {}
+        for group in self._groups():
+            means |= self._score_files.means(group, self.protocol()["clips"], num_steps)
+        return means
 
     @_remembered
     def _all_scores(self) -> dict[str, Scores]:
-        """Return the scores of all methods; one query reads methods that share their files."""
+        """Return the scores of all methods."""
+        scores: dict[str, Scores] = {}
+        for group in self._groups():
+            scores |= self._score_files.scores(group, self.protocol()["clips"])
+        return scores
+
+    def _groups(self) -> list[dict[str, NewestRecords]]:
+        """Return methods that share their files, so that one query reads them."""
         groups: dict[frozenset[Path], dict[str, NewestRecords]] = {}
         for name, method in self.by_name().items():
             paths = frozenset(record.path for record in method.scored.values())
             groups.setdefault(paths, {})[name] = method.scored
-        scores: dict[str, Scores] = {}
-        for paths, group in groups.items():
-            if paths:
-                scores |= self._score_files.scores(group, self.protocol()["clips"])
-        return scores
+        return [group for paths, group in groups.items() if paths]
 
     @_remembered
     def clip_facts(self) -> Facts:

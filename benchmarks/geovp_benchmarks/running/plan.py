@@ -28,6 +28,7 @@ class Plan:
     limit: int | None = None  # number of clips
     keep: str = "3"  # clips whose predictions are stored; see `select`
     is_fresh: bool = False  # whether to recompute what another version of the code computed
+    shard: tuple[int, int] | None = None  # (part from 1, number of parts) of the clips to compute
 
     @cached_property
     def built(self) -> BuiltMatrix:
@@ -51,6 +52,13 @@ class Plan:
                 "a clip"
             )
         return clips
+
+    @cached_property
+    def own_clips(self) -> Sequence[str]:
+        """Return the clips of the shard: neighbours, which share frames."""
+        part, num_parts = self.shard or (1, 1)
+        first, last = ((part - skip) * len(self.clips) // num_parts for skip in (1, 0))
+        return self.clips[first:last]
 
     @cached_property
     def stored_clips(self) -> Set[str]:
@@ -160,7 +168,10 @@ class Plan:
         """Yield a task for each clip that some methods lack."""
         matrix, root = self.matrix_json, self.results.root.resolve()
         missing = {method.name: self.missing(method) for method in self.methods}
+        own = set(self.own_clips)
         for index, clip in enumerate(self.clips):
+            if clip not in own:
+                continue
             methods = [method for method in self.methods if clip in missing[method.name]]
             if methods:
                 is_kept = clip in self.stored_clips

@@ -99,14 +99,13 @@ def method_scores(
     `strict` leaves out clips that the method could not predict. For each of the horizons there is a
     column of means over the first steps, such as "psnr t+5".
     """
-    protocol, stored = results.protocol(), results.scores(method.name)
-    clips, columns = protocol["clips"], stored.means()
+    protocol = results.protocol()
+    clips, columns = protocol["clips"], dict(results.means(method.name))
     for num_steps in horizons:
-        first = stored.means(num_steps)
+        first = results.means(method.name, num_steps)
         columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
     failed = np.isin(clips, [*method.scored.failures]) & strict
-    for values in columns.values():
-        values[failed] = np.nan
+    columns = {key: np.where(failed[:, None], np.nan, values) for key, values in columns.items()}
     lines = []
     for suffix, reduce in statistics.reductions(method.num_samples).items():
         scores = {}
