@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from geovp.display.channel import Channel
 from geovp.progress import tracked
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.cli.options import number, option
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -122,7 +122,7 @@ def gains(
     for column, metric in enumerate(metrics):
         for reference in ("late image", "late image, shifted", "flow extrapolation"):
             gain = (values["live, forecast"] - values[reference])[:, column]
-            means = [BlockBootstrap().interval(gain[:, step], names) for step in steps]
+            means = [Intervals().interval(gain[:, step], names) for step in steps]
             entries = [f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]" for mean in means]
             rows.append([f"{metric}: over {reference}", *entries])
     yield from grid(rows)

@@ -77,7 +77,6 @@ GOOD = [pose(number) for number in range(FRAMES)]
     [
         (replaced("/kitti", "/nowhere"), "nowhere"),
         (emptied, "sequences"),
-        (truncated, "000004.png"),
         (without_calibration, "calib.txt"),
         (poses(*GOOD[:-1]), "00.txt"),
         (poses(*GOOD[:2], pose(2, "nan"), *GOOD[3:]), "line 3"),
@@ -96,6 +95,14 @@ def test_damage_is_told_in_one_sentence(
 ) -> None:
     damage(street)
     assert says in refused(*run(street))
+
+
+def test_a_damaged_frame_fails_its_clips_alone(street: Path, command: Command) -> None:
+    truncated(street)
+    ended = command(*run(street))
+    assert ended.code == 1
+    assert "000004.png" in ended.out
+    assert "Traceback" not in ended.err
 
 
 def test_missing_poses_are_no_mistake_but_a_skipped_method(street: Path, command: Command) -> None:

@@ -100,8 +100,8 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert ("good", "psnr") in table.marked
     assert ("same", "psnr") not in table.marked
     text = formats.markdown(table).splitlines()
-    assert any("simultaneous 95 % intervals" in line for line in text)
-    assert any(line.startswith("- *: the interval excludes zero") for line in text)
+    assert any("95 % interval of the mean paired difference" in line for line in text)
+    assert any(line.startswith("- *: p < .05 after Holm's procedure") for line in text)
     assert row_of(text, "good")[2].startswith("+1.0")
     assert "*" in row_of(text, "good")[2]
     assert "*" not in row_of(text, "same")[2]

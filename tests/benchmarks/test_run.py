@@ -11,7 +11,7 @@ from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Processes
 from geovp_benchmarks.running.task import BuiltMatrix
 from geovp_benchmarks.tables import tables
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import GeovpError
 from tests.benchmarks.made import STILL, content, crossed, go, rows, values
 
 
@@ -295,13 +295,6 @@ class TestFailures:
         go(tmp_path, tables)  # losing them again costs nothing that was computed
         assert values(tmp_path, "still", "toy-weightless") == [0.0] * 10
 
-    def test_a_bad_clip_ends_the_run_but_not_what_was_done(self, tmp_path: Path) -> None:
-        tables = content({"broken_clip": 4}, predictors=STILL)
-        with pytest.raises(BadData, match=r"road/004\.png is truncated"):
-            go(tmp_path, tables)
-        method = Results(tmp_path).by_name()["still"]
-        assert (method.status, method.num_clips) == ("partial", 4)
-
     def test_a_method_that_predicted_nothing_leaves_nothing_but_earlier_settings(
         self, tmp_path: Path
     ) -> None:
@@ -367,5 +360,6 @@ def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> N
 
 def test_a_bad_clip_is_the_same_sentence_from_another_process(tmp_path: Path, toys: Path) -> None:
     tables = content({"broken_clip": 0}, predictors=STILL)
-    with pytest.raises(BadData, match=r"road/000\.png is truncated"):
-        go(tmp_path, tables, executor=Processes(workers=1))
+    (method,) = go(tmp_path, tables, executor=Processes(workers=1)).values()
+    [(clip, failure)] = method.scored.failures.items()
+    assert (clip, failure.reason) == ("road/000", "road/000.png is truncated: fetch it again")

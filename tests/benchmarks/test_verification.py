@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results import provenance
+from geovp import provenance
 from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores

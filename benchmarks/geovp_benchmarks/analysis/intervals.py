@@ -37,6 +37,8 @@ class Score:
     effective_clips: float = 0.0
     # [N] by clip, each a mean over steps; empty for a published score
     values: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
+    p_value: float = math.nan  # of a mean of zero, two-sided
+    is_over_drives: bool = False  # whether each drive is one observation
 
     @property
     def is_exact(self) -> bool:
@@ -45,8 +47,8 @@ class Score:
 
     @property
     def is_significant(self) -> bool:
-        """Return whether the interval excludes zero."""
-        return self.low > 0 or self.high < 0
+        """Return whether the mean differs from zero, p < .05; never with too few clips."""
+        return self.p_value < 0.05 and not self.has_few_clips
 
     @property
     def has_few_clips(self) -> bool:
@@ -136,20 +138,30 @@ class BlockBootstrap:
         mean, ordered = float(finite.mean()), finite[groups.order]
         tau, visible = self.autocorrelation_time(ordered, groups)
         error = float(finite.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
-        low = high = math.nan
+        low = high = p_value = math.nan
         if count > 2:
-            offsets = self.offsets(ordered, groups, tau, visible)
+            mean_error, degrees = self.mean_error(ordered, groups, tau)
+            offsets = self.offsets(ordered, groups, visible, mean_error, degrees)
             low, high = np.clip(mean + offsets, *bounds).tolist()
-        return Score(mean, low, high, error, count, count / tau, values)
+            p_value = student_p_value(mean, mean_error, degrees)
+        return Score(mean, low, high, error, count, count / tau, values, p_value)
 
-    def offsets(self, values: FloatArray, groups: Groups, tau: float, visible: int) -> FloatArray:
-        """Return both ends of the interval less the mean [2], for values in the groups' order."""
-        count, mean, deviation = len(values), values.mean(), float(values.std(ddof=1))
-        if deviation <= 1e-12 * abs(mean):
-            return np.zeros(2)
+    def mean_error(self, values: FloatArray, groups: Groups, tau: float) -> tuple[float, int]:
+        """Return the standard error of the mean and its degrees of freedom."""
+        deviation = float(values.std(ddof=1))
+        if deviation <= 1e-12 * abs(values.mean()):
+            return 0.0, 1
         error, degrees = self.standard_error(values, groups, tau)
         # few slow cosines can be small by chance
-        error = max(error, self.min_error_ratio * deviation / np.sqrt(count))
+        return max(error, self.min_error_ratio * deviation / math.sqrt(len(values))), degrees
+
+    def offsets(
+        self, values: FloatArray, groups: Groups, visible: int, error: float, degrees: int
+    ) -> FloatArray:
+        """Return both ends of the interval less the mean [2], for values in the groups' order."""
+        count, mean = len(values), values.mean()
+        if not error:
+            return np.zeros(2)
         tail = (1 + self.level) / 2
         normal = statistics.NormalDist().inv_cdf(tail)
         quantiles, spread = np.array([-normal, normal]), 1.0
@@ -230,14 +242,30 @@ def _draws(lengths: tuple[int, ...], block: int, num_resamples: int, seed: int) 
 
 
 @functools.lru_cache(maxsize=1024)
-def student_quantile(degrees: int, fraction: float) -> float:
+def student_quantile(degrees: float, fraction: float) -> float:
     """Return the quantile of Student's t at a fraction above 1/2.
 
     It is sqrt(degrees) tan(angle), where the density of the angle is cos(angle)^(degrees - 1).
     Importing scipy.special would take longer than the rest of a table.
     """
+    angles_rad, mass = _student(degrees)
+    angle_rad = np.interp(2 * fraction - 1, mass, angles_rad)
+    return float(np.sqrt(degrees) * np.tan(angle_rad))
+
+
+def student_p_value(mean: float, error: float, degrees: float) -> float:
+    """Return the two-sided p-value of Student's test that the mean is zero."""
+    if not error:
+        return 1.0 if not mean else 0.0
+    angles_rad, mass = _student(degrees)
+    angle_rad = math.atan(abs(mean) / error / math.sqrt(degrees))
+    return float(1 - np.interp(angle_rad, angles_rad, mass))
+
+
+@functools.lru_cache(maxsize=64)
+def _student(degrees: float) -> tuple[FloatArray, FloatArray]:
+    """Return angles up to pi / 2, and the mass of Student's t between minus and plus each."""
     angles_rad = np.linspace(0, np.pi / 2, 20001)
     middles_rad = (angles_rad[1:] + angles_rad[:-1]) / 2
     mass = np.concatenate([[0.0], np.cumsum(np.cos(middles_rad) ** (degrees - 1))])
-    angle_rad = np.interp(2 * fraction - 1, mass / mass[-1], angles_rad)
-    return float(np.sqrt(degrees) * np.tan(angle_rad))
+    return angles_rad, mass / mass[-1]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from geovp.progress import tracked
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
@@ -86,17 +86,17 @@ class Method:
             f"every {self.matrix.stride} frames, horizons {horizons}"
         )
         kind = (
-            "[low, high]: 95 % interval of the mean over clips, block bootstrap within each "
-            "sequence, since neighbouring clips overlap"
+            "[low, high]: 95 % interval of the mean over clips, by Student's t over drives if "
+            "there are eight or more, else by block bootstrap over the clips of these drives"
         )
-        tables, bootstrap = [], BlockBootstrap()
+        tables, intervals = [], Intervals()
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4
             columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
             rows = []
             for label, row in pairs.items():
                 changes = {
-                    key: bootstrap.interval(scores[after][number] - scores[before][number], names)
+                    key: intervals.interval(scores[after][number] - scores[before][number], names)
                     for key, (before, after) in row.items()
                 }
                 rows.append(MethodScores(label, changes, num_clips=len(names)))

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from geovp.drawing.page import SHEET, Page
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options, line_styles
 from geovp_benchmarks.results import stored_facts
@@ -58,7 +58,7 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
         for step in {(num_steps + 1) // 2, num_steps}:
             if len(curves) <= options.max_intervals:
                 values = curve.values[:, step - 1]
-                score = BlockBootstrap().interval(values, curve.clips, curve.bounds)
+                score = Intervals().interval(values, curve.clips, curve.bounds)
                 colour = curve.line_style["color"]
                 axes.vlines(step + aside, score.low, score.high, colour, linewidth=0.9)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
@@ -98,7 +98,7 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
         data, num_clips = stored_facts.data_name(material.protocol), len(curves[0].clips)
         subtitle = f"{data}: mean of {num_clips} clips"
         if len(curves) <= options.max_intervals and num_clips > 2:
-            subtitle += " with 95 % intervals (block bootstrap)"
+            subtitle += " with 95 % intervals"
         if len(methods) < len(material.methods):
             subtitle += f"; {len(methods)} of {len(material.methods)} methods (see --methods)"
         formats = ("svg",) if "@" in metric else ("png", "svg")

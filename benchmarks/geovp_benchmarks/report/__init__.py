@@ -27,7 +27,11 @@ def write(results: Results, options: plots.Options) -> None:
     scores = tables.build(results, metrics=metrics)
     differences = tables.against(results, against, metrics=metrics) if against else None
     groups = strata.divide(results, options.by) if options.by else []
-    headline = findings.find(scores[0], material.protocol, baseline)
+    has_baseline = any(m.label == baseline and m.num_clips for m in results.select().methods())
+    gains = differences
+    if has_baseline and not against:
+        gains = tables.against(results, baseline, metrics=metrics)
+    headline = findings.find(scores[0], gains, material.protocol, baseline)
     plain = replace(options, by=None, against=None)
     figures = [
         (page, path.read_bytes())

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.plots.material import uses_ground_truth
 from geovp_benchmarks.results.stored_facts import facts_of
 from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
@@ -23,11 +23,17 @@ class Findings:
     privileged: MethodScores | None  # the best with ground truth, other than the baseline
     judge: MethodScores | None  # the first of these
     gain: Score | None  # of the judge over the baseline
+    is_significant: bool  # as in the table of differences from the baseline
     clip_scores: Mapping[str, float]  # of the judge
 
 
-def find(table: Table, protocol: Mapping[str, Any], baseline: str) -> Findings | None:
-    """Return the findings of the main table; None without a metric with a direction."""
+def find(
+    table: Table, differences: Table | None, protocol: Mapping[str, Any], baseline: str
+) -> Findings | None:
+    """Return the findings of the main table; None without a metric with a direction.
+
+    `differences` are those of all methods from the baseline, if it has scores.
+    """
     columns = [column for column in table.columns if column.higher_is_better is not None]
     if not columns:
         return None
@@ -40,19 +46,20 @@ def find(table: Table, protocol: Mapping[str, Any], baseline: str) -> Findings |
     ]
     ranked.sort(key=lambda method: method.scores[key].mean, reverse=bool(column.higher_is_better))
     best: dict[bool, MethodScores] = {}
-    reference = gain = None
+    gain = None
     clip_scores: dict[str, float] = {}
     for method in ranked:
-        if method.label == baseline:
-            reference = method
-        else:
+        if method.label != baseline:
             best.setdefault(uses_ground_truth(method.marks), method)
     fair, privileged = best.get(False), best.get(True)
     judge = fair or privileged
     if judge:
         values = judge.scores[key].values
         clip_scores = dict(zip(clips, values.tolist(), strict=True))
-        if reference:
-            gain = BlockBootstrap().interval(values - reference.scores[key].values, clips)
+        for method in differences.methods if differences else ():
+            if method.label == judge.label:
+                gain = method.scores.get(key)
     unit = facts_of(key, protocol)["unit"]
-    return Findings(column, unit, fair, privileged, judge, gain, clip_scores)
+    marked = differences.marked if differences else ()
+    is_significant = judge is not None and (judge.label, key) in marked
+    return Findings(column, unit, fair, privileged, judge, gain, is_significant, clip_scores)

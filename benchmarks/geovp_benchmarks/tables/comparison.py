@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.tables.tables import method_scores
@@ -82,7 +82,7 @@ def _paired_differences(*sides: Results) -> Iterator[str]:
     scores, scores_b = (method_scores(side, side.methods()[0])[0].scores for side in sides)
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
-        gap = BlockBootstrap().interval(gaps, common)
+        gap = Intervals().interval(gaps, common)
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
+from geovp_benchmarks.analysis.drives import Intervals, holm
+from geovp_benchmarks.analysis.intervals import Score
 from geovp_classic.errors import BadData, nearest
 
 
@@ -44,6 +45,11 @@ class Table:
     marked: Collection[tuple[str, str]] = ()  # (method, column) in bold; differences with a star
     spread: str = "interval"  # or "standard-error"
     has_differences: bool = False  # of another method
+
+    @property
+    def is_over_drives(self) -> bool:
+        """Return whether intervals treat each drive as one observation."""
+        return any(s.is_over_drives for method in self.methods for s in method.scores.values())
 
     def clips(self, method: MethodScores) -> str:
         """Return the number of clips, and the effective one in the first column if smaller."""
@@ -101,7 +107,7 @@ def best(
 
 
 def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequence[str]) -> bool:
-    """Return whether a rival is better, p < .05 after Bonferroni's correction for better means.
+    """Return whether a rival is better, p < .05 after Holm's procedure over the better means.
 
     Too few effective clips count as beaten. `sign` is -1 where a lower value is better.
     """
@@ -111,8 +117,5 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
         return True
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
-    for rival in better:
-        gap = sign * (rival.values - score.values)
-        if BlockBootstrap(1 - 0.05 / len(better)).interval(gap, clips).low > 0:
-            return True
-    return False
+    gaps = [Intervals().interval(rival.values - score.values, clips) for rival in better]
+    return any(holm(gaps))

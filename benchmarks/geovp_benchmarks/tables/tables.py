@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
+from geovp_benchmarks.analysis.drives import Intervals, holm
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
@@ -45,7 +45,7 @@ def against(
 ) -> Table:
     """Return paired differences of the main table's methods from another, over common clips.
 
-    A method with samples is compared by its mean over them. Intervals hold simultaneously.
+    A method with samples is compared by its mean over them. Stars mark what `holm` finds.
     """
     main, protocol = _main_table(results, metrics, strict), results.protocol()
     reference = _main_table(results.select(name), (), strict).methods[0]
@@ -56,25 +56,38 @@ def against(
         if column.higher_is_better is False and reference.scores[column.key].is_exact
     ]
     others = [m for m in main.methods if m.label != reference.label and m.scores]
-    bootstrap = BlockBootstrap(1 - 0.05 / max(1, len(others)))  # Bonferroni
-    methods, starred = [], set()
+    methods = []
     for method in others:
         differences = {}
         for key in (column.key for column in columns if column.key in method.scores):
             values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            differences[key] = bootstrap.interval(values, protocol["clips"], bounds)
-            if key not in exact and differences[key].is_significant:
-                starred.add((method.label, key))
+            differences[key] = Intervals().interval(values, protocol["clips"], bounds)
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
-    notes = ["*: the interval excludes zero."] * bool(starred)
+    starred = {
+        (label, column.key)
+        for column in columns
+        if column.key not in exact
+        for label in significant(methods, column.key)
+    }
+    few = sorted({score.effective_clips for m in methods for score in m.scores.values()})[:1]
+    notes = ["*: p < .05 after Holm's procedure over the methods."] * bool(starred)
+    if few and few[0] < 8:
+        notes.append("Differences on fewer than eight effective clips are not tested.")
     if exact:
         names = ", ".join(map(stored_facts.title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
     table = Table("against", heading, columns, methods, marked=starred, has_differences=True)
     return explained(table, results, notes)
+
+
+def significant(methods: Sequence[MethodScores], key: str) -> list[str]:
+    """Return the labels of methods whose difference in a column is significant."""
+    tested = [method for method in methods if key in method.scores]
+    marks = holm([method.scores[key] for method in tested])
+    return [method.label for method, mark in zip(tested, marks, strict=True) if mark]
 
 
 def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
@@ -114,7 +127,7 @@ def method_scores(
             by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
             if np.isfinite(by_clip).any():
                 bounds = stored_facts.bounds(facts)
-                scores[key] = BlockBootstrap().interval(by_clip, clips, bounds)
+                scores[key] = Intervals().interval(by_clip, clips, bounds)
         lines.append(
             MethodScores(
                 method.label + suffix,

@@ -1,0 +1,80 @@
+"""Intervals of means and tests of paired differences: one rule for tables, marks and reports.
+
+With eight or more drives, each drive is one observation: Student's t over the means of the drives
+(Ibragimov & Mueller 2010), which holds for other drives of this kind, too. With fewer, a block
+bootstrap over the clips, which holds for these drives alone. Differences are tested where there are
+at least eight effective drives or clips, and Holm's procedure (1979) controls the probability of a
+false mark among all methods that are compared.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_benchmarks.analysis.intervals import (
+    BlockBootstrap,
+    Score,
+    sequences_of,
+    student_p_value,
+    student_quantile,
+)
+from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_classic.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals of means over clips."""
+
+    level: float = 0.95
+    min_drives: float = 8.0  # effective ones, for an interval over drives
+    bootstrap: BlockBootstrap = BlockBootstrap()  # with fewer
+
+    def interval(
+        self,
+        values: FloatArray,  # [N]; NaN is left out
+        clips: Sequence[str],  # [N], in the order in which they were taken
+        bounds: Bounds = UNBOUNDED,
+    ) -> Score:
+        """Return the mean over clips with its interval and the p-value of a mean of zero."""
+        is_finite = np.isfinite(values)
+        finite, drives = values[is_finite], sequences_of(tuple(clips))[is_finite]
+        counts = np.bincount(drives)
+        weights = counts[counts > 0] / max(1, len(finite))
+        # Kish's effective number of drives, the number of equally long ones
+        num_drives = 1 / float((weights**2).sum()) if len(weights) else 0.0
+        if num_drives < self.min_drives:
+            return self.bootstrap.interval(values, clips, bounds)
+        means = np.bincount(drives, finite)[counts > 0] / counts[counts > 0]
+        mean = float(finite.mean())  # of the drives' means by their lengths
+        variance = (weights**2 * (means - mean) ** 2).sum() / (1 - (weights**2).sum())
+        error, degrees = math.sqrt(variance), num_drives - 1
+        half = student_quantile(degrees, (1 + self.level) / 2) * error
+        low, high = np.clip([mean - half, mean + half], *bounds).tolist()
+        return Score(
+            mean,
+            low,
+            high,
+            float(finite.std(ddof=1)) / math.sqrt(len(finite)),
+            len(finite),
+            num_drives,
+            values,
+            student_p_value(mean, error, degrees),
+            is_over_drives=True,
+        )
+
+
+def holm(scores: Sequence[Score], level: float = 0.05) -> list[bool]:
+    """Return which means differ significantly from zero, by Holm's step-down procedure.
+
+    Those of too few effective clips are not tested; they still count among the compared.
+    """
+    order = sorted(range(len(scores)), key=lambda number: scores[number].p_value)
+    is_significant = [False] * len(scores)
+    for rank, number in enumerate(order):
+        if not scores[number].p_value <= level / (len(scores) - rank):  # NaN is not significant
+            break
+        is_significant[number] = not scores[number].has_few_clips
+    return is_significant

@@ -1,0 +1,95 @@
+"""Intervals over drives, and tests of several differences."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from geovp_benchmarks.analysis.drives import Intervals, holm
+from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score, student_p_value
+from geovp_benchmarks.report import findings
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import tables
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_protocol
+from tests.benchmarks.test_tables import METRICS, write
+
+
+def clips(*lengths: int) -> list[str]:
+    return [
+        f"{drive:02d}/{clip:03d}" for drive, count in enumerate(lengths) for clip in range(count)
+    ]
+
+
+def test_equally_long_drives_have_students_interval_over_their_means() -> None:
+    values = np.random.default_rng(0).normal(size=(9, 4)) + np.arange(9)[:, None]
+    score = Intervals().interval(values.ravel(), clips(*[4] * 9))
+    means = values.mean(axis=1)
+    expected = stats.ttest_1samp(means, 0.0)
+    interval = expected.confidence_interval(0.95)
+    assert [score.low, score.high] == pytest.approx([interval.low, interval.high], abs=1e-6)
+    assert score.p_value == pytest.approx(expected.pvalue, abs=1e-6)
+    assert (score.mean, score.effective_clips) == pytest.approx((means.mean(), 9))
+
+
+def test_fewer_than_eight_effective_drives_have_the_block_bootstrap() -> None:
+    values = np.random.default_rng(1).normal(size=56)
+    for lengths in ([8] * 7, [28, 4, 4, 4, 4, 4, 4, 4]):  # Kish: 7, and 56^2 / 896 = 3.5
+        names = clips(*lengths)
+        score = Intervals().interval(values, names)
+        assert score == BlockBootstrap().interval(values, names)
+        assert not score.is_over_drives
+    assert Intervals().interval(values, clips(*[7] * 8)).is_over_drives
+
+
+def test_intervals_over_drives_hold_the_mean_of_other_drives() -> None:
+    """With a drive effect, 95 % of 200 draws are 190, with a standard deviation of 3."""
+    names, rng, hits = clips(*[20] * 10), np.random.default_rng(2), 0
+    for _ in range(200):
+        values = np.repeat(0.3 * rng.normal(size=10), 20) + rng.normal(size=200)
+        score = Intervals().interval(values, names)
+        hits += score.low <= 0 <= score.high
+    assert 180 <= hits <= 199
+
+
+@pytest.mark.parametrize("degrees", [1.0, 3.5, 30.0])
+def test_p_values_are_students(degrees: float) -> None:
+    assert student_p_value(2.0, 0.8, degrees) == pytest.approx(
+        2 * stats.t(degrees).sf(2.5), abs=1e-6
+    )
+
+
+def test_holm_rejects_step_by_step() -> None:
+    """Of 4: .01 <= .05 / 4, .015 <= .05 / 3, .03 > .05 / 2, so that .04 is not significant either."""
+    scores = [Score(1.0, p_value=p, effective_clips=9.0) for p in (0.04, 0.01, 0.03, 0.015)]
+    assert holm(scores) == [False, True, False, True]
+    few = [Score(1.0, p_value=0.001, effective_clips=7.9)]
+    assert holm(few) == [False]
+    assert not few[0].is_significant
+
+
+def test_table_and_report_agree_that_few_clips_are_not_tested(
+    tmp_path: Path, printed: Says
+) -> None:
+    """Six drives of one clip: all have 1 dB more, which would be p < 1e-6."""
+    results, names = Results(tmp_path), clips(*[1] * 6)
+    write_protocol(results, ["copy-last", "x"], names, metrics=METRICS)
+    noise = np.random.default_rng(3).normal(0, 0.01, 6)
+    for name, gain in (("copy-last", 0 * noise), ("x", 1 + noise)):
+        values = {
+            (c, 0, "psnr"): 20 + i + g for i, (c, g) in enumerate(zip(names, gain, strict=True))
+        }
+        write(results, name, values)
+    differences = tables.against(results, "copy-last")
+    (method,) = differences.methods
+    assert method.scores["psnr"].low > 0.9
+    assert differences.marked == set()
+    assert "fewer than eight effective clips are not tested" in printed(
+        "table", tmp_path, "--against", "copy-last"
+    )
+    main = tables.build(results)[0]
+    found = findings.find(main, differences, results.protocol(), "copy-last")
+    assert found is not None
+    assert not found.is_significant
+    assert main.marked == set()
