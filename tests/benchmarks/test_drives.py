@@ -33,13 +33,12 @@ def test_equally_long_drives_have_students_interval_over_their_means() -> None:
     assert (score.mean, score.effective_clips) == pytest.approx((means.mean(), 9))
 
 
-def test_fewer_than_eight_effective_drives_have_the_block_bootstrap() -> None:
+def test_fewer_than_eight_drives_have_the_block_bootstrap() -> None:
     values = np.random.default_rng(1).normal(size=56)
-    for lengths in ([8] * 7, [28, 4, 4, 4, 4, 4, 4, 4]):  # Kish: 7, and 56^2 / 896 = 3.5
-        names = clips(*lengths)
-        score = Intervals().interval(values, names)
-        assert score == BlockBootstrap().interval(values, names)
-        assert not score.is_over_drives
+    names = clips(*[8] * 7)
+    score = Intervals().interval(values, names)
+    assert score == BlockBootstrap().interval(values, names)
+    assert not score.is_over_drives
     assert Intervals().interval(values, clips(*[7] * 8)).is_over_drives
 
 
@@ -51,6 +50,19 @@ def test_intervals_over_drives_hold_the_mean_of_other_drives() -> None:
         score = Intervals().interval(values, names)
         hits += score.low <= 0 <= score.high
     assert 180 <= hits <= 199
+
+
+def test_drives_of_different_length_count_by_their_clips() -> None:
+    """Means 0 of seven drives of a clip and 1 of one of seven: the mean over clips is 1/2.
+
+    Weights are 1/14 and 1/2, their squares sum to 2/7, so that the variance is
+    (7 / 14^2 + 1 / 2^2) / 4 / (1 - 2/7) = .1, with 7/2 - 1 degrees of freedom.
+    """
+    values = np.array([0.0] * 7 + [1.0] * 7)
+    score = Intervals().interval(values, clips(1, 1, 1, 1, 1, 1, 1, 7))
+    half = stats.t(2.5).ppf(0.975) * np.sqrt(0.1)
+    assert score.mean == 0.5
+    assert score.high - score.low == pytest.approx(2 * half, abs=1e-5)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 3.5, 30.0])

@@ -29,7 +29,7 @@ class Intervals:
     """Intervals of means over clips."""
 
     level: float = 0.95
-    min_drives: float = 8.0  # effective ones, for an interval over drives
+    min_drives: int = 8  # for an interval over drives
     bootstrap: BlockBootstrap = BlockBootstrap()  # with fewer
 
     def interval(
@@ -41,16 +41,16 @@ class Intervals:
         """Return the mean over clips with its interval and the p-value of a mean of zero."""
         is_finite = np.isfinite(values)
         finite, drives = values[is_finite], sequences_of(tuple(clips))[is_finite]
-        counts = np.bincount(drives)
-        weights = counts[counts > 0] / max(1, len(finite))
-        # Kish's effective number of drives, the number of equally long ones
-        num_drives = 1 / float((weights**2).sum()) if len(weights) else 0.0
+        counts, sums = np.bincount(drives), np.bincount(drives, finite)
+        num_drives = np.count_nonzero(counts)
         if num_drives < self.min_drives:
             return self.bootstrap.interval(values, clips, bounds)
-        means = np.bincount(drives, finite)[counts > 0] / counts[counts > 0]
+        means, weights = sums[counts > 0] / counts[counts > 0], counts[counts > 0] / len(finite)
         mean = float(finite.mean())  # of the drives' means by their lengths
-        variance = (weights**2 * (means - mean) ** 2).sum() / (1 - (weights**2).sum())
-        error, degrees = math.sqrt(variance), num_drives - 1
+        squares = float((weights**2).sum())
+        variance = (weights**2 * (means - mean) ** 2).sum() / (1 - squares)
+        # Kish's effective number is that of drives for equally long ones
+        error, degrees = math.sqrt(variance), 1 / squares - 1
         half = student_quantile(degrees, (1 + self.level) / 2) * error
         low, high = np.clip([mean - half, mean + half], *bounds).tolist()
         return Score(
