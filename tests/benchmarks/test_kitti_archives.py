@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.matrix import papers
 from geovp_classic.data.layouts import kitti_archives
 
 
@@ -57,6 +57,6 @@ def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) 
 
 @pytest.mark.parametrize("protocol", ["srvp20", "fvs20"])
 def test_the_size_of_each_drive_of_a_protocol_is_known(protocol: str, tmp_path: Path) -> None:
-    archives = kitti_archives.missing_raw(tmp_path, protocols.load(protocol).dataset["sequences"])
+    archives = kitti_archives.missing_raw(tmp_path, papers.load(protocol).dataset["sequences"])
     assert len(archives) > 4
     assert all(archive.size[-2:] in ("kB", "MB", "GB") for archive in archives)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.matrix import papers, schema
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables import published
 from geovp_classic.atomic import write_bytes
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import pinhole
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_images
 
 DRIVES = (60, 84, 93, 96)
 
@@ -95,17 +96,48 @@ def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> 
 
 @pytest.mark.parametrize(("name", "num_rows"), [("fvs20", 7), ("fvs20-cityscapes", 11)])
 def test_published_numbers_have_a_source_and_fit_the_protocol(name: str, num_rows: int) -> None:
-    paper = published.load(name)
-    assert "NeurIPS 2024" in paper["source"]
-    assert len(paper["row"]) == num_rows
-    assert protocols.load(name).horizons[:3] == (1, 3, 5)
-    for row in paper["row"]:
+    paper = papers.load(name)
+    assert "NeurIPS 2024" in paper.published.source
+    assert len(paper.published.row) == num_rows
+    assert paper.horizons[:3] == (1, 3, 5)
+    for row in paper.published.row:
         for metric in ("ms-ssim", "lpips"):
-            values = np.array(row[metric])[:, 0]
+            values = np.array(row.numbers[metric])[:, 0]
             known = values[np.isfinite(values)]
             assert len(values) == 3
             falls = np.diff(known) < 0  # later frames are harder
             assert falls.all() == (metric == "ms-ssim")
+
+
+@pytest.mark.parametrize("name", papers.names())
+def test_without_its_data_a_paper_says_what_is_missing_and_where_it_comes_from(
+    name: str, refused: Says, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("KITTI", "KITTI_RAW", "CITYSCAPES", "BAIR", "CALTECH"):
+        monkeypatch.delenv(f"GEOVP_{variable}", raising=False)
+    paper = papers.load(name)
+    sentence = refused("reproduce", name)
+    assert f"{name} needs {paper.data}" in sentence
+    assert paper.where in sentence
+
+
+@pytest.mark.parametrize("name", papers.names())
+def test_the_methods_that_reproduce_a_paper_are_those_of_its_rows(name: str) -> None:
+    paper, matrix = papers.load(name), schema.read(Path(name))
+    labels = {method.label for method in matrix.methods}
+    assert "copy-last" in labels
+    assert {row.method for row in paper.published.row if row.method} <= labels
+    assert {metric for row in paper.published.row for metric in row.numbers} <= set(paper.metrics)
+
+
+def test_svg18_runs_on_a_folder_of_extracted_videos(tmp_path: Path, printed: Says) -> None:
+    frames = np.random.default_rng(0).integers(0, 256, (30, 64, 64, 3), np.uint8)
+    for video in ("000", "001"):
+        write_images(tmp_path / "bair" / video, frames)
+    options = ["--root", tmp_path / "bair", "--methods", "copy-last", "--out", tmp_path / "out"]
+    text = printed("reproduce", "svg18", *options, "--no-report")
+    assert "Not comparable yet: the protocol has 256 clips" in text
+    assert "| SLAMP" in text
 
 
 def test_cityscapes_at_a_smaller_size(

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic.data.layouts import kitti_archives
@@ -17,10 +17,12 @@ def missing_for_protocol(root: Path, name: str) -> list[str]:
 
     BadData if its data set is not KITTI.
     """
-    protocol = protocols.load(name)
-    dataset = protocol.dataset
-    if dataset is None or not dataset["name"].startswith("kitti"):
-        raise BadData(f"--protocol {name}: is measured on {protocol.data}, not on KITTI")
+    paper = papers.load(name)
+    dataset = paper.dataset
+    if not dataset["name"].startswith("kitti"):
+        raise BadData(
+            f"--protocol {name}: is measured on {paper.data}, not on KITTI. Data: {paper.where}"
+        )
     if "split" in dataset:
         ranges = splits.load(dataset["split"])
     else:

@@ -39,7 +39,7 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Print roles with their components, one component, the matrices or the protocols."""
-    from geovp_benchmarks.matrix import CONFIGS, protocols
+    from geovp_benchmarks.matrix import CONFIGS, papers
     from geovp_classic import registry
 
     names_of = {role: registry.names(role) for role in registry.ROLES}
@@ -49,7 +49,11 @@ def run(args: argparse.Namespace) -> Lines:
             comment, _, _ = path.read_text("utf-8").partition("\n\n")
             yield f"{path.stem}: {first_sentence(comment.replace('#', ''))}"
     elif args.name == "protocols":
-        yield protocols.TABLES.read_text("utf-8")
+        for paper in map(papers.load, papers.names()):
+            yield f"[{paper.name}]"
+            for key, value in paper.model_dump(exclude={"name", "published"}).items():
+                yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
+            yield ""
     elif args.name is None or args.name in names_of:
         for role in [args.name] if args.name else names_of:
             yield role

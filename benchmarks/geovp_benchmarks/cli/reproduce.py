@@ -12,6 +12,8 @@ from pathlib import Path
 
 from geovp_benchmarks.cli import run as run_command
 from geovp_benchmarks.cli.options import LinesAndCode, option
+from geovp_classic.errors import BadData
+from geovp_classic.types import PrivilegedInput
 
 ARGUMENTS = {
     **run_command.ARGUMENTS,
@@ -21,11 +23,19 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> LinesAndCode:
     """Run the matrix of a protocol, and print and write its tables."""
+    from geovp_benchmarks.matrix import papers, schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats, published
 
     name = str(args.matrix)
-    published.load(name)  # an unknown name is bad input
+    paper = papers.load(name)  # an unknown name is bad input
+    try:
+        matrix = schema.read(args.matrix, args.set).override(root=args.root)
+        matrix.build_dataset(PrivilegedInput.NONE)
+    except BadData as problem:
+        raise BadData(
+            f"{name} needs {paper.data}. Get it from {paper.where}. Here: {problem}"
+        ) from problem
     code = yield from run_command.run(args)
     if not args.dry_run:
         results = Results(run_command.folder(args))

@@ -7,4 +7,5 @@ import re
 from pathlib import Path
 
 CONFIGS = Path(__file__).parents[1] / "configs"  # the built-in matrix files
+PAPERS = CONFIGS.with_name("papers")  # matrix files that reproduce papers
 DEVICE = re.compile(r"^(auto|cpu|cuda(:\d+)?)\Z")

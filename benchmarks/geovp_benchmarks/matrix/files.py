@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import CONFIGS
+from geovp_benchmarks.matrix import CONFIGS, PAPERS
 from geovp_classic import files
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
@@ -14,11 +14,12 @@ from geovp_classic.registry import nearest
 
 def locate(given: Path) -> Path:
     """Return a matrix file that is given by its path, or by the name of a built-in one."""
-    built_in = CONFIGS / f"{given}.toml"
-    if built_in.is_file() and not given.is_file():
-        return built_in
+    for folder in (CONFIGS, PAPERS):
+        built_in = folder / f"{given}.toml"
+        if built_in.is_file() and not given.is_file():
+            return built_in
     if not given.exists():
-        names = [path.stem for path in CONFIGS.glob("*.toml")]
+        names = [path.stem for folder in (CONFIGS, PAPERS) for path in folder.glob("*.toml")]
         raise BadData(
             f"{given} does not exist: give a matrix file, or the name of a built-in "
             f"one{nearest(str(given), names)}"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
-from geovp_benchmarks.matrix import files, protocols
+from geovp_benchmarks.matrix import files, papers
 from geovp_benchmarks.matrix.values import (
     Count,
     Device,
@@ -192,7 +192,7 @@ class Matrix(ProtocolTable, ComponentTables):
     @property
     def data_root(self) -> Path | None:
         """Return the root of the data set; BadData for a variable that is not set."""
-        given = self.root or self.dataset.get("root")
+        given = self.root or self.dataset.get("root") or self.dataset.get("path")
         if not given or not isinstance(given, (str, Path)):
             return None
         root = os.path.expandvars(given)
@@ -207,7 +207,7 @@ class Matrix(ProtocolTable, ComponentTables):
         """Build the data set with the protocol's clips and the views that components need."""
         spec, root = self.dataset, self.data_root
         if root is not None:
-            spec = spec | {"root": str(root)}
+            spec = spec | {"path" if "path" in spec else "root": str(root)}
         with registry.defaults(
             num_frames=self.num_past + self.num_future,
             stride=self.stride,
@@ -229,13 +229,14 @@ def read(path: Path, settings: Sequence[str] = ()) -> Matrix:
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """Return the matrix of a TOML file's content."""
+    content = papers.expanded(content)
     try:
         json.dumps(content, allow_nan=False)
     except (TypeError, ValueError) as problem:  # such as a date or NaN, which results cannot hold
         raise BadData(
             f"the matrix file has another value than numbers and text: {problem}"
         ) from problem
-    file = validated(MatrixFile, protocols.expanded(content))
+    file = validated(MatrixFile, content)
     frame, trajectory = file.metrics.frame, file.metrics.trajectory
     _check_columns([*frame, *trajectory])
     tables = file.model_dump(exclude={"metrics", "protocol"}) | file.protocol.model_dump()

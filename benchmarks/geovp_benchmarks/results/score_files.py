@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import tempfile
 import time
 import traceback
 import uuid
@@ -137,7 +138,7 @@ class ScoreFiles:
 
     @cached_property
     def _database(self) -> duckdb.DuckDBPyConnection:
-        return duckdb.connect()
+        return duckdb.connect(config={"temp_directory": str(Path(tempfile.gettempdir(), "duckdb"))})
 
     @cached_property
     def _paths(self) -> list[Path]:
@@ -244,7 +245,9 @@ class ScoreFiles:
             "SELECT method, clip, sample, step, metric, value FROM selected "
             "ORDER BY number, metric, sample, step"
         )
+        self._database.execute("SET memory_limit = '1GB'")  # sorting goes on in temporary files
         merged = self._copy(query, method, latest, self.facts(records))
+        self._database.execute("RESET memory_limit")
         for path in paths - {merged}:
             path.unlink(missing_ok=True)
 

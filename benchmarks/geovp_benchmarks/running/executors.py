@@ -289,7 +289,7 @@ def worker_plugin(folder: str) -> Any:
     """Return a plugin that prepares each worker of a Dask cluster, also those that join later."""
     from dask.distributed import WorkerPlugin
 
-    class Prepare(WorkerPlugin):  # type: ignore[misc]
+    class Prepare(WorkerPlugin):
         """Relative paths, threads and GPU as in the processes of one machine."""
 
         name = "geovp"

@@ -1,72 +1,57 @@
 """Stored scores in the layout of a paper's table, and the published numbers in a second table.
 
-Files of the folder `published` declare the published rows, and the methods that reproduce them; the
-paper's protocol declares metrics and horizons.
+The file of a paper declares the published rows, and the methods that reproduce them.
 """
 
 import math
 import re
-import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 from geovp_benchmarks.analysis.intervals import Score
-from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.tables.table_model import MethodScores, Table
 from geovp_benchmarks.tables.tables import explained, method_scores, table_of
-from geovp_classic.errors import BadData
 
 
 def build(results: Results, name: str) -> list[Table]:
     """Return the table of stored scores, and the published one."""
-    paper, protocol, stored = load(name), protocols.load(name), results.protocol()
-    suffixes = [f" t+{k}" for k in protocol.horizons] or [""]
+    paper, stored = papers.load(name), results.protocol()
+    published = paper.published
+    suffixes = [f" t+{k}" for k in paper.horizons] or [""]
     headings = {
-        metric + suffix: title(metric) + suffix
-        for metric in protocol.metrics
-        for suffix in suffixes
+        metric + suffix: title(metric) + suffix for metric in paper.metrics for suffix in suffixes
     }
-    methods = _measured(results, paper["row"], protocol.horizons)
-    ours = table_of(name, "measured here", headings, methods, stored, paper["decimals"])
+    methods = _measured(results, published.row, paper.horizons)
+    ours = table_of(name, "measured here", headings, methods, stored, published.decimals)
     ours = replace(ours, spread="standard-error")
-    notes = [f"Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
-    if protocol.num_clips not in (None, len(stored["clips"])):
-        notes.append(f"Not comparable yet: the protocol has {protocol.num_clips} clips.")
+    notes = [f"Protocol: {paper.title}. Differs here: {paper.differences}."]
+    if paper.num_clips not in (None, len(stored["clips"])):
+        notes.append(f"Not comparable yet: the protocol has {paper.num_clips} clips.")
     return [
         explained(ours, results, notes),
         Table(
             f"{name}-published",
             "Published, not measured here",
             ours.columns,
-            [_published(row, protocol.metrics, suffixes) for row in paper["row"]],
-            [f"{paper['source']}: {paper['about']}."],
-            {(row["name"], metric) for row in paper["row"] for metric in row.get("bold", ())},
+            [_published(row, suffixes) for row in published.row],
+            [f"{published.source}: {published.about}."],
+            {(row.name, metric) for row in published.row for metric in row.bold},
             "standard-error",
         ),
     ]
 
 
-def load(name: str) -> Mapping[str, Any]:
-    """Return the declaration of a paper's table; raise BadData for an unknown name."""
-    folder = Path(__file__).parents[1] / "published"
-    paths = {path.stem: path for path in sorted(folder.glob("*.toml"))}
-    if name not in paths:
-        raise BadData(f"no published table is called {name!r}: give one of {', '.join(paths)}")
-    return tomllib.loads(paths[name].read_text("utf-8"))
-
-
 def _measured(
-    results: Results, rows: Sequence[Mapping[str, Any]], horizons: Sequence[int]
+    results: Results, rows: Sequence[papers.Row], horizons: Sequence[int]
 ) -> list[MethodScores]:
     """Return the methods that stand for published rows, in their order, then all others.
 
     Of several samples the best counts for each metric, as in the papers.
     """
-    names = {row["method"]: row["name"] for row in rows if "method" in row}
+    names = {row.method: row.name for row in rows if row.method}
     methods = {method.label: method for method in results.methods() if method.num_clips}
     measured = []
     for label in sorted(methods, key=[*names, *methods].index):
@@ -78,14 +63,12 @@ def _measured(
     return measured
 
 
-def _published(
-    row: Mapping[str, Any], metrics: Iterable[str], suffixes: Sequence[str]
-) -> MethodScores:
-    """Return a published row; a score is a list of the mean and, if given, the standard error."""
+def _published(row: papers.Row, suffixes: Sequence[str]) -> MethodScores:
+    """Return a published row."""
     scores = {}
-    for metric in metrics:
-        for suffix, numbers in zip(suffixes, row.get(metric, ()), strict=False):
+    for metric, by_horizon in row.numbers.items():
+        for suffix, numbers in zip(suffixes, by_horizon, strict=False):
             mean, error = [*numbers, math.nan][:2]
             scores[metric + suffix] = Score(mean, standard_error=error)
-    marks = (MARKS[name][0] for name in row.get("privileged_inputs", ()))
-    return MethodScores(row["name"], scores, "".join(marks))
+    marks = (MARKS[name][0] for name in row.privileged_inputs)
+    return MethodScores(row.name, scores, "".join(marks))

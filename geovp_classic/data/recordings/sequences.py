@@ -316,8 +316,10 @@ class SequenceDataset(ABC):
         for step in range(first, first + self.num_frames):
             if (sequence, step) not in known:
                 right = recording.right and recording.right.frames
-                readers = filter(None, (recording.frames, recording.depths, right))
-                known[sequence, step] = b"".join(reader.digest(step) for reader in readers)
+                readers = (recording.frames, recording.depths, right)
+                known[sequence, step] = b"".join(
+                    reader.digest(step) for reader in readers if reader is not None
+                )
         span = slice(first, first + self.num_frames)
         frame_digests = [known[sequence, step] for step in range(span.start, span.stop)]
         shape = repr((self.size_px, self.fit, self.image_bits)).encode()
