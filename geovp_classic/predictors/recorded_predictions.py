@@ -24,10 +24,10 @@ class RecordedPredictions:
     """Predictions of other software, stored by the name of the clip.
 
     For a clip "03/000180", `path` holds 03/000180.npz with `frames` (uint8 [F, H, W, 3], or
-    [S, F, H, W, 3]) and optionally `covered` (bool, without the 3), or a folder 03/000180 of F
-    images in the order of their names. `poses` may hold 03/000180.txt, in the format of KITTI or
-    TUM, with a pose for each past and future frame in any world frame; `poses_are_metric` states
-    whether in metres.
+    [S, F, H, W, 3]) and optionally `covered` (bool, without the 3), a folder 03/000180 of F images
+    in the order of their names, or a video 03/000180.mp4 of F frames. `poses` may hold
+    03/000180.txt, in the format of KITTI or TUM, with a pose for each past and future frame in any
+    world frame; `poses_are_metric` states whether in metres.
     """
 
     path: Path
@@ -48,6 +48,9 @@ class RecordedPredictions:
             arrays = files.read_npz(path)
             images = arrays.get("frames", np.empty(0))
             covered = arrays.get("covered")
+        elif path.suffix == ".mp4":
+            video = frames.VideoFrames(path)
+            images = np.stack([video.read(number) for number in range(len(video))])
         else:
             images = _read_images(path)
         if images.ndim == 4:
@@ -65,12 +68,12 @@ class RecordedPredictions:
             raise BadData(f"{path}: {error}") from error
 
     def _find(self, name: str) -> Path:
-        candidates = self.path / f"{name}.npz", self.path / name
+        candidates = [self.path / f"{name}{ending}" for ending in (".npz", ".mp4", "")]
         paths = list(filter(Path.exists, candidates))
         if not name or len(paths) != 1:
             raise BadData(
-                f"{self.path} has {len(paths)} predictions of clip {name!r}, expected one .npz "
-                f"or folder of images at {self.path / name}"
+                f"{self.path} has {len(paths)} predictions of clip {name!r}, expected one .npz, "
+                f".mp4 or folder of images at {self.path / name}"
             )
         return paths[0]
 

@@ -47,7 +47,7 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
     def run(*words: object) -> Ended:
         capsys.readouterr()
         name, *args = map(str, words)
-        if name in ("run", "reproduce") and "--workers" not in args:
+        if name in ("run", "reproduce", "score") and "--workers" not in args:
             args += ["--workers", "0"]  # in this process, which has the toys
         code = studies.main(args) if name == "study" else cli.main([name, *args])
         return Ended(code, *capsys.readouterr())

@@ -4,16 +4,16 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from geovp.provenance import versions
 from geovp_benchmarks.matrix.schema import Matrix
+from geovp_benchmarks.matrix.stored import matrix_of
 from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.results.stored_facts import facts_of, metric_of
-from geovp_benchmarks.results.validation import validated
 from geovp_benchmarks.running.task import Scored, Task, build_matrix, score_clip
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
@@ -112,19 +112,8 @@ def other_versions(results: Results) -> Iterator[str]:
 
 
 def _matrix(pair: Pair, root: Path | None) -> Matrix:
-    """Return the matrix of one method with its resolved settings."""
-    protocol, method = pair.results.protocol(), pair.method
-    keys = ("name", "dataset", "num_past", "num_future", "size_px", "stride")
-    fields: dict[str, Any] = {key: protocol[key] for key in keys}
-    fields |= {"root": root, "num_samples": method.num_samples}
-    fields |= {"frame_metrics": {}, "trajectory_metrics": {}}
-    for role, spec in method.components.items():
-        fields[f"{role}s"] = {getattr(method, role, method.name): spec}
-    for name, spec in pair.record.metrics.items():
-        role = protocol["metrics"][name]["role"]
-        fields[f"{role}_metrics"][name] = spec
-    matrix: Matrix = validated(Matrix, fields, "protocol.json")
-    return matrix
+    """Return the matrix of a pair's method and metrics."""
+    return matrix_of(pair.results, pair.method, root, pair.record.metrics)
 
 
 def _recompute(pair: Pair, matrix: Matrix) -> Scored:

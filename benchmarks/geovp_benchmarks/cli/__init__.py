@@ -27,6 +27,7 @@ COMMANDS = (
     "run",
     "merge",
     "rescore",
+    "score",
     "reproduce",
     "table",
     "plot",

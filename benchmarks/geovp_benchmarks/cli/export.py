@@ -1,10 +1,13 @@
-"""Write all scores of a results folder into one table.
+"""Write all scores of a results folder into one table, or views of a method for a generator.
 
-Its columns are method, clip, sample, step, metric and value.
+The columns of the table are method, clip, sample, step, metric and value. With --format conditions,
+a method is recomputed, and its views, coverage masks, depths, poses and intrinsics are written as
+the conditions of a video generator, one npz file per clip.
 
 Examples:
   geovp export results/demo --out scores.csv
   geovp export results/demo --format parquet --out scores.parquet
+  geovp export results/demo --format conditions --method "gt-3d + fusion" --out conditions
 """
 
 import argparse
@@ -15,14 +18,31 @@ from geovp_benchmarks.cli.options import Lines, option, shared
 ARGUMENTS = {
     "": shared("folder"),
     "output": {
-        "--format csv|parquet = csv": "Format.",
-        "--out FILE": option("File for the table.", required=True),
+        "--format csv|parquet|conditions = csv": "Format.",
+        "--out FILE": option("File for the table, or folder for conditions.", required=True),
+    },
+    "conditions": {
+        "--method METHOD": "Method, by its name in tables. Default: the only.",
+        **shared("--root", "--limit"),
     },
 }
 
 
 def run(args: argparse.Namespace) -> Lines:
-    """Write the file, and print its path."""
+    """Write the file or files, and print their paths."""
+    if args.format == "conditions":
+        from geovp_benchmarks.matrix.stored import matrix_of
+        from geovp_benchmarks.results.store import Results
+        from geovp_benchmarks.running.conditions import write_conditions
+        from geovp_classic.errors import BadData
+
+        stored = Results(args.folder).select(*filter(None, [args.method]))
+        if len(stored.methods()) != 1:
+            labels = ", ".join(method.label for method in stored.methods())
+            raise BadData(f"--format conditions needs one --method: give one of {labels}")
+        matrix = matrix_of(stored, stored.methods()[0], args.root)
+        yield from map(str, write_conditions(matrix, args.out, args.limit))
+        return
     import duckdb
     import numpy as np
 

@@ -315,8 +315,7 @@ class SequenceDataset(ABC):
         known = self._frame_digests
         for step in range(first, first + self.num_frames):
             if (sequence, step) not in known:
-                right = recording.right and recording.right.frames
-                readers = (recording.frames, recording.depths, right)
+                readers = (recording.frames, recording.depths)
                 known[sequence, step] = b"".join(
                     reader.digest(step) for reader in readers if reader is not None
                 )
