@@ -125,7 +125,7 @@ class TestCode:
         fusion = GeometricPredictor(ConstantTurn(), DepthFusion())
         for component in (CopyLast(), fusion):
             used = sources([component], [task.__name__, scoring.__name__])
-            assert "geovp_classic.data.kitti" not in used
+            assert "geovp_classic.data.layouts.kitti" not in used
             assert {type(component).__module__, "geovp_classic.metrics.strata"} <= used.keys()
         assert {"geovp_classic.rendering.fusion", "geovp_classic.depth.multiview"} <= used.keys()
 

@@ -2,9 +2,11 @@
 
 import asyncio
 import base64
+import contextlib
 import http.client
 import json
 import random
+import resource
 import shutil
 import socket
 import subprocess
@@ -50,7 +52,7 @@ class Client:
     """One connection to the server of a fake session."""
 
     def __init__(self, pages: server.Server) -> None:
-        host, port = pages.server_address[:2]
+        host, port = pages.address
         self.origin = f"http://{host}:{port}"
         self.connection = http.client.HTTPConnection(str(host), port, timeout=5)
 
@@ -79,9 +81,8 @@ class Client:
 def pages() -> Iterator[server.Server]:
     """Serve a fake session."""
     with server.Server(cast(Session, FakeSession()), "127.0.0.1", 0, TOKEN) as pages:
-        threading.Thread(target=pages.serve_forever, daemon=True).start()
+        pages.start()
         yield pages
-        pages.shutdown()
 
 
 def test_a_slow_page_neither_delays_another_nor_fills_a_queue(pages: server.Server) -> None:
@@ -101,6 +102,40 @@ def test_a_slow_page_neither_delays_another_nor_fills_a_queue(pages: server.Serv
     assert Client(pages).view(0)[1] == 99
     threading.Timer(0.2, pages.publish, [session.shown(100)]).start()
     assert slow.view(number)[1] == 100  # after it has waited for it
+
+
+def test_idle_connections_and_a_slow_client_leave_a_page_its_views() -> None:
+    """2,000 connections send nothing; another asks for a view of 12 MB and reads none of it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard < 5000:
+        pytest.skip("5,000 open files are not permitted here")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (5000, hard))
+    session = FakeSession()
+    with (
+        contextlib.ExitStack() as stack,
+        server.Server(cast(Session, session), "127.0.0.1", 0, TOKEN, timeout_s=2) as pages,
+    ):
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        pages.start()
+        num_threads = threading.active_count()
+        idle = [stack.enter_context(socket.create_connection(pages.address)) for _ in range(2000)]
+        slow = stack.enter_context(socket.create_connection(pages.address))
+        noise = np.random.default_rng(0).integers(0, 256, (2000, 2000, 3), np.uint8)
+        pages.publish(Shown({"late image": noise}, None, 0.5, 0.9))
+        slow.sendall(f"GET /{TOKEN}/views/0 HTTP/1.1\r\nHost: a\r\n\r\n".encode())
+        pages.publish(session.shown(7))
+        page = Client(pages)
+        start_s = time.monotonic()
+        assert page.view(1)[1] == 7
+        assert time.monotonic() - start_s < 2
+        assert threading.active_count() == num_threads
+        time.sleep(3)
+        for connection in idle:
+            connection.settimeout(5)
+            with contextlib.suppress(ConnectionResetError):
+                assert connection.recv(1) == b""  # closed
+        pages.publish(session.shown(8))
+        assert page.view(2)[1] == 8  # a connection with the token stays open
 
 
 @pytest.mark.parametrize("token", ["", "/", "/a-secre", "/a-secrets", "/%F0%9F%98%80"])
@@ -160,7 +195,7 @@ def test_a_port_in_use_gets_one_sentence(tmp_path: Path, refused: Says) -> None:
 def test_addresses() -> None:
     session = cast(Session, FakeSession())
     with server.Server(session, "127.0.0.1", 0, "abc") as pages:
-        assert pages.url == f"http://127.0.0.1:{pages.server_address[1]}/abc/"
+        assert pages.url == f"http://127.0.0.1:{pages.address[1]}/abc/"
     with server.Server(session, "0.0.0.0", 0, "abc") as pages:
         assert pages.url.startswith(f"http://{socket.gethostname()}:")
     for host, port in [("192.0.2.1", 0), ("127.0.0.1", 70000), ("no.such.host.invalid", 0)]:
@@ -297,6 +332,6 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
 
             await served(pages, watch)
             await browser.wait(f"{warning}.textContent.includes('connection is lost')")
-            await served(listening(pages.server_address[1]), watch_again)
+            await served(listening(pages.address[1]), watch_again)
 
     asyncio.run(check())

@@ -59,7 +59,7 @@ class Intervals:
             high,
             float(finite.std(ddof=1)) / math.sqrt(len(finite)),
             len(finite),
-            num_drives,
+            float(num_drives),
             values,
             student_p_value(mean, error, degrees),
             is_over_drives=True,

@@ -14,12 +14,13 @@ views of the cache, channels, rows, columns. The world is the camera of the last
 import io
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.running.task import build_matrix
-from geovp_classic.data.atomic import write_bytes
+from geovp_classic.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -37,7 +38,7 @@ def write_conditions(matrix: Matrix, folder: Path, limit: int | None = None) -> 
     for index, name in enumerate(built.clip_names[:limit]):
         context, _ = built.clip(index, name).split(matrix.num_past, predictor.needs)
         stream = io.BytesIO()
-        np.savez_compressed(stream, **conditions(predictor, context))
+        np.savez_compressed(stream, **dict[str, Any](conditions(predictor, context)))
         path = folder / f"{name}.npz"
         write_bytes(path, stream.getvalue())
         yield path

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from geovp_classic.data.kitti import Kitti
+from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.odometry.speed_prior import SpeedPrior
 
 from geovp_classic import registry
