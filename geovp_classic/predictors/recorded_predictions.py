@@ -7,7 +7,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.formats import pose_files
-from geovp_classic.data.frames import image_frames
+from geovp_classic.data.frames import image_frames, video_frames
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
     ByteArray,
@@ -49,7 +49,7 @@ class RecordedPredictions:
             images = arrays.get("frames", np.empty(0))
             covered = arrays.get("covered")
         elif path.suffix == ".mp4":
-            video = frames.VideoFrames(path)
+            video = video_frames.VideoFrames(path)
             images = np.stack([video.read(number) for number in range(len(video))])
         else:
             images = _read_images(path)

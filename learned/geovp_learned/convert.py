@@ -11,8 +11,7 @@ from typing import Any
 
 from torch import Tensor
 
-from geovp_classic import files
-from geovp_classic.data import atomic
+from geovp_classic import atomic, files
 from geovp_classic.errors import BadData
 from geovp_learned import checkpoints, inert_pickle, model_cards
 from geovp_learned.synsin.network import Architecture as SynSinArchitecture

@@ -1,8 +1,8 @@
 """Clips of a COLMAP model (Schoenberger and Frahm 2016) with its images.
 
 A sequence is a folder with the model, binary or text, in `sparse/N`, `sparse`, `colmap/sparse/N`
-(nerfstudio) or itself, and the images in `images` or itself, where the model's names of images are looked up. An image that was not
-registered breaks the sequence, as does another sub-folder.
+(nerfstudio) or itself, and the images in `images` or itself, where the model's names of images are
+looked up. An image that was not registered breaks the sequence, as does another sub-folder.
 """
 
 import itertools

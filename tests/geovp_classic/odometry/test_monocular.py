@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.odometry.speed_prior import SpeedPrior
 
 from geovp_classic import registry
+from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry import monocular
