@@ -167,7 +167,7 @@ class Doctor:
             findings.add(
                 folder,
                 f"none of {count} images, taken from {first_s:.3f} to {last_s:.3f} s, has a pose "
-                "at its time: give both in seconds on one clock (poses in ns are 1e9 times too large)",
+                "at its time: give both in seconds on one clock (poses in ns are 1e9 times larger)",
             )
         elif len(numbers) < count and is_readable:
             findings.add(
