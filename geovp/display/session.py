@@ -117,9 +117,7 @@ class Session:
                 panels["predicted present"] = predicted
         if warning is not None:
             (frame,) = panels.values()
-            panels["late image, not predicted"] = drawing.draw_banner(
-                frame, f"WARNING: {warning}", "firebrick"
-            )
+            panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
         panels["true present"] = true
         return Shown(panels, warning, caution, age_s, confidence, self.is_dimming)
 
