@@ -5,6 +5,7 @@ Reports are log records, so that work need not know the bar.
 
 import logging
 import sys
+import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -34,10 +35,11 @@ def tracked(items: Collection[Item]) -> Iterator[Item]:
 
 
 @contextmanager
-def progress_bar(description: str) -> Iterator[None]:
+def progress_bar(description: str, log_interval_s: float = 60.0) -> Iterator[None]:
     """Show a progress bar with the current step on standard error.
 
-    Nothing is shown with --quiet or where standard error is not a terminal. The bar is drawn by the
+    Where standard error is not a terminal, a line a minute is logged instead; with --quiet, nothing
+    is shown. The bar is drawn by the
     calling thread alone: another thread could hold its lock when standard error breaks.
     """
     from tqdm import tqdm
@@ -53,10 +55,15 @@ def progress_bar(description: str) -> Iterator[None]:
         delay=0.5,
         disable=is_quiet or not sys.stderr.isatty(),
     ) as bar:
+        logged_s = time.monotonic()
 
         def show(record: logging.LogRecord) -> bool:
+            nonlocal logged_s
             if record.args:
                 done, total = record.args
+                if not sys.stderr.isatty() and time.monotonic() - logged_s >= log_interval_s:
+                    logged_s = time.monotonic()
+                    logger.warning("%s: %s of %s", description, done, total)
                 if total != bar.total:
                     bar.reset(total)
                 bar.update(done - bar.n)

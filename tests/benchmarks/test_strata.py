@@ -70,31 +70,35 @@ def results(tmp_path: Path) -> Results:
         (
             "turning",
             {
-                "yaw_deg below 5": "ac",
-                "yaw_deg 5 or more": "bd",
-                "yaw_deg unknown": "e",
+                "turn (degrees) below 5": "ac",
+                "turn (degrees) 5 or more": "bd",
+                "turn (degrees) unknown": "e",
             },
         ),
         (
             "speed",
             {
-                "speed_m_s below 5": "a",
-                "speed_m_s 5 to 10": "b",
-                "speed_m_s 10 or more": "c",
-                "speed_m_s unknown": "de",
+                "speed (m/s) below 5": "a",
+                "speed (m/s) 5 to 10": "b",
+                "speed (m/s) 10 or more": "c",
+                "speed (m/s) unknown": "de",
             },
         ),
         (
             "step",
-            {"step_m below 0.5": "a", "step_m 0.5 to 1": "b", "step_m 1 or more": "c"},
+            {
+                "step of two frames (m) below 0.5": "a",
+                "step of two frames (m) 0.5 to 1": "b",
+                "step of two frames (m) 1 or more": "c",
+            },
         ),
         # thirds of .7 .8 .9 .95 .99: the bounds are at places 4 / 3 and 8 / 3 of 0..4
         (
             "seen",
             {
-                "seen below 0.833, as s + r covers it": "bc",
-                "seen 0.833 to 0.933, as s + r covers it": "a",
-                "seen 0.933 or more, as s + r covers it": "de",
+                "pixels seen before (fraction) below 0.833, as s + r covers it": "bc",
+                "pixels seen before (fraction) 0.833 to 0.933, as s + r covers it": "a",
+                "pixels seen before (fraction) 0.933 or more, as s + r covers it": "de",
             },
         ),
     ],
@@ -116,13 +120,13 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
         for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)
     }
     results = fill(tmp_path, facts)
-    assert strata.divide(results, "seen")[0].label == "seen below 0.567"
+    assert strata.divide(results, "seen")[0].label == "pixels seen before (fraction) below 0.567"
     moving = {
         subset.label: set(subset.protocol()["clips"]) for subset in strata.divide(results, "moving")
     }
     assert moving == {
-        "moving below 0.01": {"a"},
-        "moving 0.01 or more": {"b", "c"},
+        "pixels of moving objects (fraction) below 0.01": {"a"},
+        "pixels of moving objects (fraction) 0.01 or more": {"b", "c"},
     }
 
 
@@ -133,7 +137,7 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     pages = [page for page, _ in plots.write_all(results, by_turning) if page.subject == "psnr"]
     assert [page.name for page in pages] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
     assert len({page.figure.axes[0].get_ylim() for page in pages}) == 1
-    assert pages[0].title == "PSNR: yaw_deg below 5"
+    assert pages[0].title == "PSNR: turn (degrees) below 5"
     (legend,) = pages[0].figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
     lines = pages[0].figure.axes[0].lines
@@ -153,9 +157,9 @@ def test_a_report_has_a_table_per_stratum(results: Results, command: Command) ->
     tables = re.findall(r"<h3>demo, ([^<]*)</h3>(.*?)</table>", page, re.DOTALL)
     means = {title: re.findall(r"<td>(\d+\.\d+)<", table)[0] for title, table in tables}
     assert means == {
-        "yaw_deg below 5 (n = 2): whole frames and poses": "10.50",
-        "yaw_deg 5 or more (n = 2): whole frames and poses": "11.50",
-        "yaw_deg unknown (n = 1): whole frames and poses": "13.50",
+        "turn (degrees) below 5 (n = 2): whole frames and poses": "10.50",
+        "turn (degrees) 5 or more (n = 2): whole frames and poses": "11.50",
+        "turn (degrees) unknown (n = 1): whole frames and poses": "13.50",
     }
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, tables
+from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 
 METRICS = {
@@ -165,3 +166,38 @@ def test_samples_give_a_mean_and_a_best(sampled: Results) -> None:
         "unavailable",
         "1.000 ± 0.000",
     ]
+
+
+def test_steps_have_a_column_each(results: Results, tmp_path: Path, refused: Says) -> None:
+    lines = [("x", 0, step, "psnr", 10.0 * step) for step in (1, 2, 3)]
+    write_row(results, "still", lines)
+    (table,) = tables.build(results.select("still"), metrics=["psnr"], steps=[1, 3])
+    (method,) = table.methods
+    assert [column.heading for column in table.columns] == [
+        "PSNR, step 1 (dB) ↑",
+        "PSNR, step 3 (dB) ↑",
+    ]
+    assert [method.scores[column.key].mean for column in table.columns] == [
+        11.0,
+        30.0,
+    ]  # y has 12 at step 1
+    assert "give steps from 1 to 20" in refused("table", tmp_path, "--steps", "21")
+
+
+def test_clips_have_a_row_each_with_what_is_known_of_them(tmp_path: Path, printed: Says) -> None:
+    results = Results(tmp_path)
+    write_protocol(results, ["a"], "xyz", metrics=METRICS)
+    values = {("x", 0, "psnr"): 20.0, ("y", 0, "psnr"): 10.0, ("z", 0, "psnr"): 15.0}
+    write(results, "a", values, facts={"x": {"yaw_deg": 3.0}, "y": {"yaw_deg": 31.0}})
+    text = printed("table", tmp_path, "--per", "clip").splitlines()
+    assert [entry.strip() for entry in text[0].strip("|").split("|")] == [
+        "clip",
+        "turn (degrees)",
+        "a: PSNR",
+    ]
+    assert [row_of(text[2:], clip) for clip in "yzx"] == [
+        ["y", "31", "10"],
+        ["z", "-", "15"],
+        ["x", "3", "20"],
+    ]
+    assert [line[2] for line in text[2:5]] == ["y", "z", "x"]  # the worst first

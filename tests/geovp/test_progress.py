@@ -40,3 +40,13 @@ def test_redirected_logs_have_no_bar(capsys: pytest.CaptureFixture[str]) -> None
         time.sleep(0.6)
         report(2, 4)
     assert capsys.readouterr().err == ""
+
+
+def test_redirected_logs_have_a_line_at_intervals(caplog: pytest.LogCaptureFixture) -> None:
+    with progress_bar("letters", log_interval_s=0.2):
+        report(1, 4)
+        time.sleep(0.3)
+        report(2, 4)
+        report(3, 4)
+    lines = [line for line in caplog.messages if line.startswith("letters")]
+    assert lines == ["letters: 2 of 4"]

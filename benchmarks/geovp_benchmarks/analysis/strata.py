@@ -21,6 +21,13 @@ DIVISIONS = {  # the attribute, and bounds of the strata
     "seen": ("seen", ()),  # fraction of pixels that were seen before; as many clips in each third
     "moving": ("moving", (0.01,)),  # fraction of pixels
 }
+FACTS = {  # in words, with their units
+    "yaw_deg": "turn (degrees)",
+    "speed_m_s": "speed (m/s)",
+    "step_m": "step of two frames (m)",
+    "seen": "pixels seen before (fraction)",
+    "moving": "pixels of moving objects (fraction)",
+}
 
 
 def divide(results: Results, by: str) -> list[Results]:
@@ -46,7 +53,7 @@ def divide(results: Results, by: str) -> list[Results]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
-        replace(results, subset=frozenset(names), label=f"{fact} {label}{source}")
+        replace(results, subset=frozenset(names), label=f"{FACTS[fact]} {label}{source}")
         for label, names in clips.items()
         if names
     ]

@@ -5,6 +5,8 @@ Tables of a selection are printed only. --format tex needs the packages booktabs
 Examples:
   geovp table results/demo
   geovp table results/demo --against copy-last
+  geovp table results/demo --steps 1 5 10 20 --metrics psnr
+  geovp table results/demo --per clip --methods copy-last
   geovp table results/demo --by turning --metrics psnr coverage --format tex
 """
 
@@ -18,6 +20,8 @@ ARGUMENTS = {
     "": shared("folder"),
     "selection": {
         **SELECTION,
+        "--steps NUMBER...": "Scores of these steps alone. Default: means over all steps.",
+        "--per clip": "A row for each clip, the worst first. Default: means over clips.",
         "--strict": "Leave out clips on which a method failed.",
         "--paper NAME": "Layout of a paper, next to its numbers, such as fvs20. Default: ours.",
     },
@@ -42,6 +46,9 @@ def run(args: argparse.Namespace) -> Lines:
     results = Results(args.folder).select(*args.methods)
     groups = strata.divide(results, args.by) if args.by else [results]
     options = {"strict": args.strict, "metrics": args.metrics}
+    if args.per:
+        yield from tables.per_clip(results, args.metrics)
+        return
     if args.paper:
         from geovp_benchmarks.tables import published
 
@@ -49,10 +56,12 @@ def run(args: argparse.Namespace) -> Lines:
     elif args.against:
         shown = [tables.against(group, args.against, **options) for group in groups]
     elif args.by:
-        shown = [tables.build(group, args.spread, **options)[0] for group in groups]
+        shown = [
+            tables.build(group, args.spread, steps=args.steps, **options)[0] for group in groups
+        ]
     else:
-        shown = tables.build(results, args.spread, **options)
-        if not (args.methods or args.metrics or args.strict):
+        shown = tables.build(results, args.spread, steps=args.steps, **options)
+        if not (args.methods or args.metrics or args.strict or args.steps):
             formats.write_all(results, shown)
     match args.format:
         case "csv":

@@ -31,7 +31,8 @@ def write_all(results: Results, options: Options) -> Iterator[tuple[Page, list[P
         partial(horizon.score_pages, groups, metric)
         for metric in selected_columns(options.metrics, metrics) or metrics
     ]
-    for number, name in enumerate(material.clips if is_plain else [], 1):
+    has_clips = is_plain and not options.metrics
+    for number, name in enumerate(material.clips if has_clips else [], 1):
         tasks.append(partial(clips.clip_pages, material, number, name))
     stems = set()
     for draw in tracked(tasks):

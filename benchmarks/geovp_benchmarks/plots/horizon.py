@@ -33,8 +33,8 @@ class Curve:
     line_style: Mapping[str, Any]  # arguments of `Axes.plot`
 
 
-def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
-    """Draw curves with a legend.
+def draw(page: Page, curves: Sequence[Curve], options: Options, step_s: float | None) -> Axes:
+    """Draw curves with a legend over seconds, or over frames if their time is unknown.
 
     Few curves have intervals in the middle and at the end of the horizon, next to one another.
     """
@@ -43,12 +43,13 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
     means = [nanmean(curve.values, axis=0) for curve in curves]
     num_steps = len(means[0])
     spacing = 1 + num_steps // 4
+    step_length = step_s or 1
     lines = {}
     for number, (curve, mean) in enumerate(zip(curves, means, strict=True)):
         # Equal lines that are drawn later are thinner, and their markers lie elsewhere.
         is_equal = [np.allclose(mean, other, rtol=2e-3, equal_nan=True) for other in means[number:]]
         (lines[curve.label],) = axes.plot(
-            1 + np.arange(num_steps),
+            step_length * (1 + np.arange(num_steps)),
             mean,
             **curve.line_style,
             linewidth=1.3 * sum(is_equal),
@@ -60,8 +61,9 @@ def draw(page: Page, curves: Sequence[Curve], options: Options) -> Axes:
                 values = curve.values[:, step - 1]
                 score = Intervals().interval(values, curve.clips, curve.bounds)
                 colour = curve.line_style["color"]
-                axes.vlines(step + aside, score.low, score.high, colour, linewidth=0.9)
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+                at = step_length * (step + aside)
+                axes.vlines(at, score.low, score.high, colour, linewidth=0.9)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=step_s is None))
     page.add_legend(lines)
     return axes
 
@@ -103,9 +105,9 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
             subtitle += f"; {len(methods)} of {len(material.methods)} methods (see --methods)"
         formats = ("svg",) if "@" in metric else ("png", "svg")
         page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
-        axes = draw(page, curves, options)
-        step = f"frames of {material.step_s:.2g} s" if material.step_s else "frames"
-        axes.set(xlabel=f"horizon ({step})", ylabel=y_label)
+        axes = draw(page, curves, options, material.step_s)
+        unit = "s" if material.step_s else "frames"
+        axes.set(xlabel=f"horizon ({unit})", ylabel=y_label)
         if options.against:
             axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
         if pages:

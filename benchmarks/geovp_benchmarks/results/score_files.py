@@ -187,9 +187,9 @@ class ScoreFiles:
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
     def means(
-        self, records: Mapping[str, NewestRecords], clips: Sequence[str], num_steps: int | None
+        self, records: Mapping[str, NewestRecords], clips: Sequence[str], steps: tuple[int, ...]
     ) -> dict[str, dict[str, FloatArray]]:
-        """Return means over all or the first steps [N, S] by method and metric.
+        """Return means from the first to the last of `steps` [N, S] by method and metric.
 
         The database reduces the steps: those of many samples would fill the memory.
         """
@@ -197,9 +197,9 @@ class ScoreFiles:
         columns = self._database.execute(
             "SELECT method, metric, max(sample) + 1, list(number::BIGINT * 1000000 + sample), "
             "list(coalesce(mean, 'nan')) FROM (SELECT method, metric, number, sample, "
-            "avg(value) AS mean FROM selected WHERE step <= $1 GROUP BY ALL) "
+            "avg(value) AS mean FROM selected WHERE step BETWEEN $1 AND $2 GROUP BY ALL) "
             "GROUP BY ALL ORDER BY ALL",
-            [num_steps or 10**6],
+            steps,
         ).fetchnumpy()
         by_method: dict[str, dict[str, FloatArray]] = {}
         for method, metric, samples, places, values in zip(*columns.values(), strict=True):

@@ -153,16 +153,18 @@ class Results:
             if path.parent in (self.root / "scores", self.root / method / "scores"):
                 raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
 
-    def means(self, method: str, num_steps: int | None = None) -> dict[str, FloatArray]:
-        """Return means over all or the first steps [N, S] of the protocol's clips by metric."""
+    def means(
+        self, method: str, last_step: int | None = None, first_step: int = 1
+    ) -> dict[str, FloatArray]:
+        """Return means over all or some steps [N, S] of the protocol's clips by metric."""
         self._check_damage(method)
-        return self.select()._all_means(num_steps).get(method, {})
+        return self.select()._all_means(first_step, last_step or 10**6).get(method, {})
 
     @_remembered
-    def _all_means(self, num_steps: int | None) -> dict[str, dict[str, FloatArray]]:
+    def _all_means(self, *steps: int) -> dict[str, dict[str, FloatArray]]:
         means: dict[str, dict[str, FloatArray]] = {}
         for group in self._groups():
-            means |= self._score_files.means(group, self.protocol()["clips"], num_steps)
+            means |= self._score_files.means(group, self.protocol()["clips"], steps)
         return means
 
     @_remembered

@@ -10,7 +10,7 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
     Times are those of stored scores, and unknown for methods without any.
     """
     lines = [["method", "to do", "stored", "s per clip"]]
-    num_missing, total_s = 0, 0.0
+    num_missing, total_s, unknown = 0, 0.0, 0
     for method in plan.methods:
         clips = plan.missing(method)
         num_missing += len(clips)
@@ -20,11 +20,18 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
             per_clip_s = sum(scored.seconds.values()) / len(scored)
             note = f"{per_clip_s:.2f}"
             total_s += len(clips) * per_clip_s
+        else:
+            unknown += len(clips)
         lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
     num_stored = len(plan.methods) * len(plan.clips) - num_missing
+    time = "unknown"
+    if unknown < num_missing or not num_missing:
+        time = f"about {total_s / workers / 60:.1f} min with {workers} process"
+        time += "es" * (workers > 1)
+        if unknown:
+            time += f", and unknown for {unknown} predictions"
     return [
         *grid(lines),
         f"predictions: {num_missing} to do, {num_stored} stored",
-        f"time: about {total_s / workers / 60:.1f} min with {workers} "
-        f"process{'es' * (workers > 1)}, without methods of unknown time",
+        f"time: {time}",
     ]

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis import statistics, strata
 from geovp_benchmarks.analysis.drives import Intervals, holm
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.tables.formats import grid
 from geovp_benchmarks.tables.table_model import (
     Column,
     MethodScores,
@@ -29,14 +30,15 @@ def build(
     *,
     strict: bool = False,
     metrics: Sequence[str] = (),
+    steps: Sequence[int] = (),
 ) -> list[Table]:
     """Return the main table (whole frames and poses), then those over sets of pixels.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
-    out. With named columns there is only one table. Methods compete among those selected.
+    out. With named columns or steps there is only one table. Methods compete among those selected.
     """
-    main = _main_table(results, metrics, strict)
-    tables = [main] if metrics else [main, *_detail_tables(main, results.protocol())]
+    main = _main_table(results, metrics, strict, steps)
+    tables = [main] if metrics or steps else [main, *_detail_tables(main, results.protocol())]
     return [explained(replace(table, spread=spread), results, strict=strict) for table in tables]
 
 
@@ -90,33 +92,55 @@ def significant(methods: Sequence[MethodScores], key: str) -> list[str]:
     return [method.label for method, mark in zip(tested, marks, strict=True) if mark]
 
 
-def _main_table(results: Results, metrics: Sequence[str], strict: bool) -> Table:
-    """Return the table of whole frames and poses; BadData for a selected method without scores."""
+def _main_table(
+    results: Results, metrics: Sequence[str], strict: bool, steps: Sequence[int] = ()
+) -> Table:
+    """Return the table of whole frames and poses; BadData for a selected method without scores.
+
+    With steps, each metric has a column for each of them in place of their mean.
+    """
     protocol, methods = results.protocol(), []
     for method in results.methods():
         if method.status in ("done", "partial"):
-            methods += method_scores(results, method, strict=strict)
+            methods += method_scores(results, method, strict=strict, steps=steps)
         elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
     headings = {key: stored_facts.title(key) for key in keys}
+    if unknown := [step for step in steps if not 1 <= step <= protocol["num_future"]]:
+        raise BadData(f"--steps {unknown[0]}: give steps from 1 to {protocol['num_future']}")
+    if steps:
+        headings = {
+            f"{key} at {step}": f"{title}, step {step}"
+            for key, title in headings.items()
+            for step in steps
+        }
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
 
 
 def method_scores(
-    results: Results, method: Method, *, strict: bool = False, horizons: Sequence[int] = ()
+    results: Results,
+    method: Method,
+    *,
+    strict: bool = False,
+    horizons: Sequence[int] = (),
+    steps: Sequence[int] = (),
 ) -> list[MethodScores]:
     """Return the scores of a method; of one with several samples, also those of the best sample.
 
     `strict` leaves out clips that the method could not predict. For each of the horizons there is a
-    column of means over the first steps, such as "psnr t+5".
+    column of means over the first steps, such as "psnr t+5"; for each of the steps one of it alone,
+    such as "psnr at 5".
     """
     protocol = results.protocol()
     clips, columns = protocol["clips"], dict(results.means(method.name))
     for num_steps in horizons:
         first = results.means(method.name, num_steps)
         columns |= {f"{key} t+{num_steps}": values for key, values in first.items()}
+    for step in steps:
+        alone = results.means(method.name, step, step)
+        columns |= {f"{key} at {step}": values for key, values in alone.items()}
     failed = np.isin(clips, [*method.scored.failures]) & strict
     columns = {key: np.where(failed[:, None], np.nan, values) for key, values in columns.items()}
     lines = []
@@ -139,6 +163,40 @@ def method_scores(
             )
         )
     return lines
+
+
+def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
+    """Return the lines of a table with a row per clip, those with the worst score first.
+
+    It shows what is known of the clips, and the scores of the methods; failed clips are marked.
+    """
+    protocol, facts = results.protocol(), results.clip_facts()
+    methods = [method for method in results.methods() if method.num_clips]
+    roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
+    chosen = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
+    keys = metrics or [*dict.fromkeys(chosen)]
+    shown = [words for words in strata.FACTS if any(words in each for each in facts.values())]
+    columns: list[tuple[str, str, Any, Method]] = []  # heading, metric, values, method
+    for method in methods:
+        scores = method_scores(results, method)[0].scores
+        columns += [
+            (f"{method.label}: {stored_facts.title(key)}", key, scores[key].values, method)
+            for key in keys
+            if key in scores
+        ]
+    if not columns:
+        raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
+    sign = 1 if stored_facts.facts_of(columns[0][1], protocol).get("higher_is_better") else -1
+    lines = [["clip", *map(strata.FACTS.get, shown), *(heading for heading, *_ in columns)]]
+    for row in np.argsort(sign * columns[0][2]):
+        clip = protocol["clips"][row]
+        known = facts.get(clip, {})
+        texts = [f"{known[name]:.3g}" if name in known else "-" for name in shown]
+        for _, _, values, method in columns:
+            mark = " (failed)" * (clip in method.scored.failures)
+            texts.append(f"{values[row]:.4g}{mark}")
+        lines.append([clip, *texts])
+    return grid(lines)
 
 
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
