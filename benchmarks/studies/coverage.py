@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
                 _holds(bootstrap, 0.0),
                 abs(table.mean) <= half,
             ]
-        lines.append([*setting.row, *(f"{100 * share / args.draws:.1f}" for share in hits)])
+        lines.append([*setting.row, *(f"{100 * count / args.draws:.1f}" for count in hits)])
     yield from grid(lines)
 
 

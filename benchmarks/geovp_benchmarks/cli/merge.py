@@ -1,7 +1,7 @@
 """Merge results folders, such as shards of the clips.
 
 Examples:
-  geovp merge results/kitti shards/*
+  geovp merge results/kitti shards/1 shards/2
   geovp merge results/both laptop/results/kitti desktop/results/kitti
 """
 

@@ -6,7 +6,7 @@ the same folder stay when --methods selects others.
 Examples:
   geovp run demo
   geovp run fusion --root path/to/kitti --workers 2
-  geovp run fusion --root path/to/kitti --out shards/$I --shard $I/64
+  geovp run fusion --root path/to/kitti --out shards/3 --shard 3/64
   geovp run demo --methods "gt-3d + fusion" copy-last
   geovp run demo --set protocol.stride=20 --set renderers.fusion.inpainter.name=telea
 """

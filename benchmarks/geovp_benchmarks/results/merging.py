@@ -61,8 +61,8 @@ def _merged_protocol(protocols: Mapping[Path, dict[str, Any]], any_version: bool
                 name for each in (merged, other) for name in each["dataset"].get("sequences") or ()
             )
             merged["dataset"] = {**merged["dataset"], "sequences": [*names]}
-        known = set(merged["clips"])
-        merged["clips"] += [clip for clip in other["clips"] if clip not in known]
+        before = set(merged["clips"])
+        merged["clips"] += [clip for clip in other["clips"] if clip not in before]
     return {**merged, "id": protocol_id(merged)}
 
 

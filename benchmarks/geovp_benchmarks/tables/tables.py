@@ -173,8 +173,8 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
     protocol, facts = results.protocol(), results.clip_facts()
     methods = [method for method in results.methods() if method.num_clips]
     roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
-    chosen = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
-    keys = metrics or [*dict.fromkeys(chosen)]
+    defaults = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
+    keys = metrics or [*dict.fromkeys(defaults)]
     shown = [words for words in strata.FACTS if any(words in each for each in facts.values())]
     columns: list[tuple[str, str, Any, Method]] = []  # heading, metric, values, method
     for method in methods:
@@ -190,8 +190,8 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
     lines = [["clip", *map(strata.FACTS.get, shown), *(heading for heading, *_ in columns)]]
     for row in np.argsort(sign * columns[0][2]):
         clip = protocol["clips"][row]
-        known = facts.get(clip, {})
-        texts = [f"{known[name]:.3g}" if name in known else "-" for name in shown]
+        of_clip = facts.get(clip, {})
+        texts = [f"{of_clip[name]:.3g}" if name in of_clip else "-" for name in shown]
         for _, _, values, method in columns:
             mark = " (failed)" * (clip in method.scored.failures)
             texts.append(f"{values[row]:.4g}{mark}")

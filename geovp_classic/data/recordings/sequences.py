@@ -312,15 +312,15 @@ class SequenceDataset(ABC):
         """
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
-        known = self._frame_digests
+        digests = self._frame_digests
         for step in range(first, first + self.num_frames):
-            if (sequence, step) not in known:
+            if (sequence, step) not in digests:
                 readers = (recording.frames, recording.depths)
-                known[sequence, step] = b"".join(
+                digests[sequence, step] = b"".join(
                     reader.digest(step) for reader in readers if reader is not None
                 )
         span = slice(first, first + self.num_frames)
-        frame_digests = [known[sequence, step] for step in range(span.start, span.stop)]
+        frame_digests = [digests[sequence, step] for step in range(span.start, span.stop)]
         shape = repr((self.size_px, self.fit, self.image_bits)).encode()
         return windows.digest(recording, span, [shape, *frame_digests])
 
