@@ -168,9 +168,9 @@ class Plan:
         """Yield a task for each clip that some methods lack."""
         matrix, root = self.matrix_json, self.results.root.resolve()
         missing = {method.name: self.missing(method) for method in self.methods}
-        own = set(self.own_clips)
+        of_shard = set(self.own_clips)
         for index, clip in enumerate(self.clips):
-            if clip not in own:
+            if clip not in of_shard:
                 continue
             methods = [method for method in self.methods if clip in missing[method.name]]
             if methods:
