@@ -55,7 +55,8 @@ def test_the_wheel_holds_the_packages_with_their_data_and_no_tests(
     for package in PACKAGES - {"geovp"}:
         assert f"{package}/py.typed" in names
     assert any(name.endswith(".safetensors") for name in names)
-    assert "geovp_benchmarks/configs/demo.toml" in names
+    assert {"geovp_benchmarks/configs/demo.toml", "geovp_benchmarks/papers/fvs20.toml"} <= {*names}
+    assert {"geovp/display/page.html", "geovp/drawing/geovp.mplstyle"} <= {*names}
 
 
 def test_the_sdist_holds_what_a_packager_needs(built: tuple[Path, Path]) -> None:

@@ -187,7 +187,9 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
     if not columns:
         raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
     sign = 1 if stored_facts.facts_of(columns[0][1], protocol).get("higher_is_better") else -1
-    lines = [["clip", *map(strata.FACTS.get, shown), *(heading for heading, *_ in columns)]]
+    lines = [
+        ["clip", *(strata.FACTS[name] for name in shown), *(heading for heading, *_ in columns)]
+    ]
     for row in np.argsort(sign * columns[0][2]):
         clip = protocol["clips"][row]
         of_clip = facts.get(clip, {})
