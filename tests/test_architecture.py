@@ -36,6 +36,7 @@ DATA_LAYERS = [
     {"doctor", "synthetic"},
 ]
 BENCHMARK_LAYERS = [
+    {"failure", "validation"},
     {"results"},
     {"matrix", "analysis"},
     {"tables"},

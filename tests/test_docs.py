@@ -29,8 +29,8 @@ import geovp
 import studies
 from geovp.drawing import video
 from geovp_benchmarks import cli
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix import schema
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.running.task import build_matrix
 from geovp_classic import registry
 from tests import registered

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.results.store import Results
 from geovp_classic import files
 from tests.benchmarks.conftest import Says

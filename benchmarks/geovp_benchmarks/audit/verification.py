@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from geovp.provenance import versions
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.stored import matrix_of
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.results.stored_facts import facts_of, metric_of
 from geovp_benchmarks.running.task import Scored, Task, build_matrix, score_clip

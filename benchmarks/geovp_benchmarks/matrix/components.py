@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from geovp.provenance import nested
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import Spec
-from geovp_benchmarks.results.score_files import Failure
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import PrivilegedInput

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from geovp_benchmarks.matrix import PAPERS
 from geovp_benchmarks.matrix.values import Spec, Specs
-from geovp_benchmarks.results.validation import validated
+from geovp_benchmarks.validation import validated
 from geovp_classic.errors import UnknownComponent
 from geovp_classic.registry import nearest
 

@@ -20,7 +20,7 @@ from geovp_benchmarks.matrix.values import (
     Specs,
 )
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
-from geovp_benchmarks.results.validation import validated
+from geovp_benchmarks.validation import validated
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import PrivilegedInput

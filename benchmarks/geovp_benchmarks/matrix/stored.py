@@ -6,7 +6,7 @@ from typing import Any
 
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.results.validation import validated
+from geovp_benchmarks.validation import validated
 
 
 def matrix_of(

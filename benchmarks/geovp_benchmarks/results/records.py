@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, InstanceOf
 from typing_extensions import TypedDict
 
 from geovp_benchmarks.results.score_files import NewestRecords
-from geovp_benchmarks.results.validation import validated
+from geovp_benchmarks.validation import validated
 from geovp_classic import files
 from geovp_classic.errors import BadData
 

@@ -11,42 +11,24 @@ import hashlib
 import json
 import tempfile
 import time
-import traceback
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import duckdb
 import numpy as np
 from pydantic import Field
 
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.results.scores import Scores
-from geovp_benchmarks.results.validation import adapter
-from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_benchmarks.validation import adapter
 from geovp_classic.types import FloatArray
 
 Facts = dict[str, dict[str, float]]
-
-
-class Failure(NamedTuple):
-    """The reason why a method, component or metric is skipped or failed."""
-
-    status: str  # "skipped" or "failed"
-    reason: str
-    traceback: str = ""
-
-    @classmethod
-    def of(cls, error: Exception) -> Self:
-        """Return "skipped" for incompatible or missing components, "failed" for other errors."""
-        if isinstance(error, (Incompatible, MissingExtra)):
-            return cls("skipped", str(error))
-        trace = "".join(traceback.format_exception(error))
-        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
-        return cls("failed", reason.strip().partition("\n")[0], trace)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from geovp.provenance import versions
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.components import weights_of
 from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
 from geovp_benchmarks.results.provenance import PATHS, content_hash, protocol_id
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, code_of
 from geovp_classic import registry

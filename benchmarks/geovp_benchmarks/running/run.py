@@ -12,7 +12,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from geovp.progress import announce, report
-from geovp_benchmarks.results.score_files import Failure
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.running.executors import Executor, Lost, TimeLimit, completed
 from geovp_benchmarks.running.plan import Plan

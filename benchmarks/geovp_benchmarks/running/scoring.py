@@ -9,9 +9,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.components import build
 from geovp_benchmarks.matrix.values import Specs
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.running.profiling import release_free_memory

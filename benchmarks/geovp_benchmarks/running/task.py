@@ -10,9 +10,9 @@ from typing import Any
 
 from geovp.progress import announce
 from geovp.provenance import code_hash
+from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.components import build, on_device
 from geovp_benchmarks.matrix.schema import Matrix
-from geovp_benchmarks.results.score_files import Failure
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.profiling import Usage
