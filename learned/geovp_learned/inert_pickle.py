@@ -71,11 +71,11 @@ def state_dict(module: Any) -> dict[str, Tensor]:
         return {str(name): value for name, value in module.items() if isinstance(value, Tensor)}
     held = vars(module)
     tensors = {**held.get("_parameters", {}), **held.get("_buffers", {})}
-    found = {name: value for name, value in tensors.items() if isinstance(value, Tensor)}
+    named = {name: value for name, value in tensors.items() if isinstance(value, Tensor)}
     for name, child in held.get("_modules", {}).items():
         if isinstance(child, Inert):
-            found |= {f"{name}.{key}": value for key, value in state_dict(child).items()}
-    return found
+            named |= {f"{name}.{key}": value for key, value in state_dict(child).items()}
+    return named
 
 
 def options(content: Any) -> dict[str, Any]:

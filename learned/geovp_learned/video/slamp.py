@@ -151,12 +151,14 @@ class SlampNetwork(VideoNetwork):
         for step in range(1, noise.shape[1]):
             halves = noise[:, step].chunk(2, dim=1)
             pair = [half.unflatten(1, self.latent_shape) for half in halves]
-            chosen = rollout.priors()
+            distributions = rollout.priors()
             if step < num_past:
                 after = self.look(observed[:, step])
                 motion = self.motion(rollout.now, after)
-                chosen = rollout.posteriors(after, motion)
-            codes = rollout.predict([drawn(*both) for both in zip(chosen, pair, strict=True)])
+                distributions = rollout.posteriors(after, motion)
+            codes = rollout.predict(
+                [drawn(*both) for both in zip(distributions, pair, strict=True)]
+            )
             if step >= num_past:
                 frames.append(rollout.decode(codes).images)
                 after = self.look(frames[-1])

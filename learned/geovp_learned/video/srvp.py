@@ -117,8 +117,8 @@ class SrvpNetwork(VideoNetwork):
         codes, all_skips = self._encode(images)
         batch, num_frames = codes.shape[:2]
         clips = torch.arange(batch, device=images.device)
-        chosen = torch.randint(num_frames, size=(batch,)).to(images.device)
-        skips = [maps[clips, chosen] for maps in all_skips]
+        steps = torch.randint(num_frames, size=(batch,)).to(images.device)
+        skips = [maps[clips, steps] for maps in all_skips]
         shuffled = torch.stack([torch.randperm(num_frames) for _ in range(batch)])
         some = shuffled[:, : self.architecture.first_frames].to(images.device)
         content = self.content(codes[clips[:, None], some])
