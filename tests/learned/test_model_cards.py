@@ -94,21 +94,27 @@ def test_curves_have_a_row_for_each_validation(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "changes"),
-    [("deepvo", {"variant": "regularised", "seed": 1}), ("synsin", {})],
+    [
+        ("deepvo-small", {"variant": "regularised", "seed": 1}),
+        ("synsin-small", {}),
+        ("svg-tiny", {}),
+        ("srvp-tiny", {}),
+        ("slamp-tiny", {}),
+    ],
 )
 def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(
     name: str, changes: dict[str, Any]
 ) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
-    weights = folder / f"{name}-small.safetensors"
+    weights, method = folder / f"{name}.safetensors", name.partition("-")[0]
     options = "".join(f" --{option} {value}" for option, value in changes.items())
-    command = f"Trained by\n\n    python -m geovp_learned train {name} {name}-small{options}\n\n"
-    before, _, after = (folder / f"{name}-small.md").read_text().partition(command)
+    command = f"Trained by\n\n    python -m geovp_learned train {method} {name}{options}\n\n"
+    before, _, after = (folder / f"{name}.md").read_text().partition(command)
     card = model_cards.model_card(weights).partition("## Licence")[0]
     assert after
     assert (before + after).startswith(card)
-    settings, _ = checkpoints.read(weights, name, methods.load(name))
-    tables = training_config.tables(Path(f"{name}-small"), variant=changes.get("variant"))
+    settings, _ = checkpoints.read(weights, method, methods.load(method))
+    tables = training_config.tables(Path(name), variant=changes.get("variant"))
     assert settings == registry.construct(type(settings), tables["method"], "method")
     training = Training(**{**tables["training"], "seed": changes.get("seed", 0)})
     stored = checkpoints.read_tensors(weights)[0]["history"]["training"]

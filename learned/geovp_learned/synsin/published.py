@@ -201,9 +201,9 @@ class DepthNetwork(nn.Module):
                 size_px = [max(round(side / multiple), 1) * multiple for side in (height, width)]
                 raw = self.unet(functional.interpolate(maps, size_px, mode="bilinear"))
                 raw = functional.interpolate(raw, (height, width), mode="bilinear")[:, 0]
-        fraction, (nearest, farthest) = torch.sigmoid(raw), architecture.depth_range
-        if farthest:
-            return 1 / ((fraction * (farthest - nearest) + nearest) * architecture.unit_m)
+        fraction, (min_depth, max_depth) = torch.sigmoid(raw), architecture.depth_range
+        if max_depth:
+            return 1 / ((fraction * (max_depth - min_depth) + min_depth) * architecture.unit_m)
         extent = MAX_INVERSE_DEPTH - MIN_INVERSE_DEPTH
         return (fraction * extent + MIN_INVERSE_DEPTH) / architecture.unit_m
 
