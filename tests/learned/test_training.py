@@ -305,6 +305,13 @@ def test_the_rate_rises_and_falls() -> None:
     assert learning_rate_factor(105, settings) == pytest.approx(0.2)
 
 
+def test_the_rate_is_held_and_then_falls_along_a_line() -> None:
+    """The schedule of SRVP: of 100 steps the last 40 bring the rate to zero."""
+    settings = replace(SETTINGS, num_steps=100, decay="linear", decay_steps=40)
+    factors = [learning_rate_factor(step, settings) for step in (0, 60, 70, 100)]
+    assert factors == pytest.approx([1.0, 1.0, 0.75, 0.0])
+
+
 @dataclass(frozen=True)
 class Numbers(LineTraining):
     """Examples are numbers."""
