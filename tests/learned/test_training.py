@@ -307,7 +307,9 @@ def test_the_rate_rises_and_falls() -> None:
 
 def test_the_rate_is_held_and_then_falls_along_a_line() -> None:
     """The schedule of SRVP: of 100 steps the last 40 bring the rate to zero."""
-    settings = replace(SETTINGS, num_steps=100, decay="linear", decay_steps=40)
+    settings = replace(
+        SETTINGS, num_steps=100, warmup_steps=0, final_rate=0.0, decay="linear", decay_steps=40
+    )
     factors = [learning_rate_factor(step, settings) for step in (0, 60, 70, 100)]
     assert factors == pytest.approx([1.0, 1.0, 0.75, 0.0])
 
