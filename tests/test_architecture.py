@@ -15,7 +15,7 @@ FOLDER_OF = {
 }
 # Subpackages of one layer do not import each other; `geovp_classic/__init__.py` imports lazily.
 CLASSIC_LAYERS = [
-    {"errors", "version"},
+    {"errors", "version", "numba_cache"},
     {"types", "colmap_library"},
     {"geometry", "parallel", "files", "atomic"},
     {"interfaces", "observation", "data"},

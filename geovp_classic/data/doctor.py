@@ -166,8 +166,8 @@ class Doctor:
             first_s, last_s = scan.times_s[0], scan.times_s[-1]
             findings.add(
                 folder,
-                f"none of {count} images, taken from {first_s:.3f} to {last_s:.3f} s, has a pose "
-                "at its time: give both in seconds on one clock (poses in ns are 1e9 times larger)",
+                f"none of {count} images, from {first_s:.3f} to {last_s:.3f} s, has a pose at its "
+                "time: give both in seconds on one clock (poses in ns are 1e9 times too large)",
             )
         elif len(numbers) < count and is_readable:
             findings.add(

@@ -61,7 +61,10 @@ class Findings(list[Finding]):
         except BadFile as problem:
             self.append(problem.finding)
         except BadData as problem:
-            self.add(path, str(problem).removeprefix(str(path)).lstrip(": "), line)
+            message = str(problem)
+            for prefix in (f"{path}: ", f"{path} "):  # but not that of a file below the path
+                message = message.removeprefix(prefix)
+            self.add(path, message, line)
 
     def lines(self, path: Path) -> list[tuple[int, str]]:
         """Read the numbers, from 1, and texts of the lines that hold more than a comment (#)."""

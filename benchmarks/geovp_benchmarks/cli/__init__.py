@@ -9,10 +9,11 @@ import argparse
 import importlib
 import io
 import os
+import re
 import signal
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import metadata
 from types import ModuleType
@@ -85,7 +86,19 @@ def add_command(commands: Any, name: str, module: ModuleType) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_groups(command, module.ARGUMENTS)
-    command.set_defaults(run=module.run, command=name)
+    options = {action.dest: action.option_strings[-1:] for action in command._actions}
+    command.set_defaults(run=module.run, command=name, options=options)
+
+
+def spelled(message: str, options: Mapping[str, Sequence[str]]) -> str:
+    """Return a message in which settings are called by the options of the command.
+
+    Those of data sets, such as `image_topic`, are `--topic` there, and stay in a table.
+    """
+    for setting, names in options.items():
+        if "_" in setting and names:
+            message = re.sub(rf"\b{setting}\b( =)?", names[0], message)
+    return message
 
 
 def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | None = None) -> int:
@@ -104,7 +117,8 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             return print_lines(args)
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
-            logger.error(textwrap.shorten(str(error), 2000))
+            message = spelled(str(error), args.options)
+            logger.error(textwrap.shorten(message, 2000))
         except ModuleNotFoundError as error:
             from geovp_classic.registry import EXTRA_OF_MODULE
 

@@ -157,8 +157,8 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
         data = matrix_data(first("camera_matrix", "K", "k"))
         if len(data) != 9:
             raise ValueError(
-                f"it has {len(data)} numbers in camera_matrix, expected 9: settings of SLAM "
-                "systems are not read, so give fx fy cx cy with --intrinsics"
+                f"it has {len(data)} numbers in camera_matrix, expected 9; of settings of SLAM "
+                "systems, give fx fy cx cy as --intrinsics"
             )
         matrix = np.array(data)
         numbers = matrix[[0, 4, 2, 5]]

@@ -125,6 +125,8 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool = False) -> Siz
         size_px = image.size
         if math.prod(size_px) > MAX_PIXELS:
             raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+        if is_upright and image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8):
+            size_px = size_px[::-1]  # turned by 90 degrees
         # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
         # eighth of its size
         if image.format in ("PNG", "WEBP"):
@@ -132,8 +134,6 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool = False) -> Siz
         else:
             image.draft("RGB", (1, 1))
             image.load()
-        if is_upright and image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8):
-            size_px = size_px[::-1]  # by 90 degrees
     return size_px
 
 

@@ -100,3 +100,70 @@ def test_the_equivalent_focal_length_of_a_photo_refers_to_the_diagonal(tmp_path:
     exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
     photo.save(tmp_path / "a.jpg", exif=exif)
     assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(26 * 500 / 43.27)
+
+
+OPENCV = """%YAML:1.0
+---
+image_width: 192
+image_height: 144
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 166., 0., 95.5, 0., 166., 71.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -0.05, 0.01, 0., 0., 0. ]
+"""
+ROSTOPIC = """header: {frame_id: cam}
+height: 144
+width: 192
+distortion_model: plumb_bob
+d: [-0.05, 0.01, 0, 0, 0]
+k: [166.0, 0, 95.5, 0, 166.0, 71.5, 0, 0, 1]
+---
+header: {frame_id: cam}
+---
+"""
+TWICE = (
+    "1 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n2 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.yml", OPENCV), ("a.yaml", ROSTOPIC), ("cameras.txt", TWICE)]
+)
+def test_files_of_calibration_programs_are_read(name: str, content: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    camera = read_camera(path, tmp_path, (192, 144))
+    assert camera.pinhole == Intrinsics(166, 166, 95.5, 71.5, 192, 144)
+    assert camera.distortion[:2] == (-0.05, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        (
+            "orb.yaml",
+            "%YAML:1.0\nCamera1.fx: 166.0\nCamera.width: 192\n",
+            "0 numbers in camera_matrix",
+        ),
+        ("vins.yaml", "%YAML:1.0\n---\nmodel_type: PINHOLE\n", "0 numbers in camera_matrix"),
+        ("empty.yaml", "---\n", "it is not a table"),
+        ("list.yaml", "- 1\n- 2\n", "it is not a table"),
+        (
+            "cameras.txt",
+            TWICE.replace("2 OPENCV 192 144 166", "2 OPENCV 192 144 170"),
+            "2 different cameras",
+        ),
+        ("cameras.txt", "# nothing\n", "0 different cameras"),
+    ],
+)
+def test_other_settings_are_refused(name: str, content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(BadData, match=message):
+        read_camera(path, tmp_path, (192, 144))

@@ -143,3 +143,31 @@ def test_depths_are_those_of_the_nearest_pixels() -> None:
     depth[:, 160:] = 5
     shown = undistorted(depth, camera, camera.pinhole, cv2.INTER_NEAREST)
     assert set(np.unique(shown)) == {2.0, 5.0}  # no mean of the two
+
+
+@pytest.mark.parametrize(
+    ("model", "count"),
+    [
+        ("SIMPLE_FISHEYE", 0),
+        ("FISHEYE", 0),
+        ("SIMPLE_RADIAL_FISHEYE", 1),
+        ("RADIAL_FISHEYE", 2),
+        ("OPENCV_FISHEYE", 0),
+        ("OPENCV_FISHEYE", 4),
+        ("THIN_PRISM_FISHEYE", 8),
+    ],
+)
+def test_fisheye_lenses_without_coefficients_are_equidistant(model: str, count: int) -> None:
+    """A ray at 45 degrees lies f pi / 4 = 78.5 pixels from the centre, not f = 100."""
+    camera = DistortedCamera(Intrinsics(100, 100, 150, 100, 301, 201), model, (0.0,) * count)
+    (pixel,) = camera.project(np.array([[1.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(pixel, [150 + 100 * np.pi / 4, 100], atol=1e-6)
+
+
+def test_trailing_zeros_of_other_programs_are_dropped() -> None:
+    """OpenCV writes 14 coefficients, of which the last six are of models that nobody here has."""
+    pinhole = Intrinsics(100, 100, 150, 100, 301, 201)
+    camera = DistortedCamera(pinhole, "FULL_OPENCV", (-0.05, 0.01, *[0.0] * 12))
+    assert camera.distortion == (-0.05, 0.01, *[0.0] * 6)
+    with pytest.raises(BadData, match="has 14 coefficients"):
+        DistortedCamera(pinhole, "FULL_OPENCV", (-0.05, *[0.0] * 12, 0.1))

@@ -1,0 +1,121 @@
+"""Folders as people have them: turned photos, linked folders, several models, other clocks."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from geovp_classic import api
+from geovp_classic.data.doctor import Doctor
+from geovp_classic.data.layouts.colmap import Colmap
+from geovp_classic.data.layouts.folder import Folder
+from geovp_classic.types import Clip
+
+Write = Callable[..., Path]
+ORIENTATION = 0x112
+
+
+@pytest.fixture(scope="module")
+def street() -> Clip:
+    return api.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [64, 64]})
+
+
+def turned_photo(path: Path, orientation: int) -> None:
+    """Write 60x40 pixels with a white stripe along the upper stored border, and a tag."""
+    stored = np.zeros((40, 60, 3), np.uint8)
+    stored[:10] = 255
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(stored).save(path, exif=exif, quality=95)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "size_px", "border"),
+    [(1, (60, 40), "top"), (3, (60, 40), "bottom"), (6, (40, 60), "right"), (8, (40, 60), "left")],
+)
+def test_photos_without_a_calibration_are_upright(
+    orientation: int, size_px: tuple[int, int], border: str, tmp_path: Path
+) -> None:
+    for number in range(3):
+        turned_photo(tmp_path / f"{number}.jpg", orientation)
+    data = Folder(tmp_path, (50, 50, 20, 20), num_frames=2, with_full=True, size_px=(20, 20))
+    image = data[0].full.frames[0]
+    assert image.shape[1::-1] == size_px
+    borders = {"top": image[0], "bottom": image[-1], "left": image[:, 0], "right": image[:, -1]}
+    assert [name for name, pixels in borders.items() if pixels.mean() > 200] == [border]
+    (row,) = Doctor().examine(tmp_path).rows
+    assert row["size_px"] == "{}x{}".format(*size_px)
+
+
+def test_the_doctor_finds_photos_that_are_turned_differently(tmp_path: Path) -> None:
+    for number, orientation in enumerate((1, 1, 6)):
+        turned_photo(tmp_path / f"{number}.jpg", orientation)
+    examination = Doctor().examine(tmp_path)
+    assert not examination.is_sound
+    assert "2.jpg: is 40x60 pixels" in str(examination.findings[0])
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_calibrated_photos_show_the_stored_pixels(
+    orientation: int, tmp_path: Path, write_colmap: Write, street: Clip
+) -> None:
+    folder = write_colmap(tmp_path, "street", street)
+    expected = Colmap(folder, num_frames=5, size_px=(64, 64))[0].frames
+    for path in (folder / "images").iterdir():
+        exif = Image.Exif()
+        exif[ORIENTATION] = orientation
+        Image.open(path).save(path, exif=exif)
+    np.testing.assert_array_equal(
+        Colmap(folder, num_frames=5, size_px=(64, 64))[0].frames, expected
+    )
+    assert Doctor().examine(folder).is_sound
+
+
+def test_linked_folders_are_followed_once(
+    tmp_path: Path, write_colmap: Write, street: Clip
+) -> None:
+    """The link back to the folder itself would never end."""
+    folder = write_colmap(tmp_path, "street", street)
+    (folder / "images").rename(tmp_path / "elsewhere")
+    (folder / "images").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere" / "loop").symlink_to(tmp_path / "elsewhere")
+    examination = Doctor().examine(folder)
+    assert examination.is_sound
+    assert [row["frames"] for row in examination.rows] == ["12"]
+
+
+def test_the_largest_model_is_used(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
+    """The first has 3 of 12 images, as after a mapper that began anew."""
+    import pycolmap
+
+    folder = write_colmap(tmp_path, "street", street)
+    (folder / "sparse" / "0").rename(folder / "sparse" / "1")
+    model: Any = pycolmap.Reconstruction(str(folder / "sparse" / "1"))
+    for number in sorted(model.reg_image_ids())[3:]:
+        model.deregister_frame(model.images[number].frame_id)
+    (folder / "sparse" / "0").mkdir()
+    model.write_binary(str(folder / "sparse" / "0"))
+    examination = Doctor().examine(folder)
+    assert [row["poses"] for row in examination.rows] == ["12"]
+    assert "2 models: the largest, of 12 images" in str(examination.findings[0])
+    nerfstudio = tmp_path / "nerfstudio"
+    (nerfstudio / "colmap").mkdir(parents=True)
+    (folder / "sparse").rename(nerfstudio / "colmap" / "sparse")
+    (folder / "images").rename(nerfstudio / "images")
+    assert len(Colmap(nerfstudio, num_frames=12, size_px=(64, 64))) == 1
+
+
+def test_poses_of_another_unit_of_time_are_an_error(
+    tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
+    folder = write_tum(tmp_path, "street", street)
+    truth = folder / "groundtruth.txt"
+    rows = [line.split() for line in truth.read_text().splitlines() if line[0] != "#"]
+    lines = (" ".join([f"{1e9 * float(row[0]):.0f}", *row[1:]]) for row in rows)
+    truth.write_text("\n".join(lines))
+    examination = Doctor().examine(folder)
+    assert not examination.is_sound
+    assert "none of 12 images" in " ".join(map(str, examination.findings))
