@@ -125,7 +125,10 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool = False) -> Siz
         size_px = image.size
         if math.prod(size_px) > MAX_PIXELS:
             raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
-        if is_upright and image.getexif().get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8):
+        # Pillow would decode a PNG to look for EXIF data behind its pixels
+        has_exif = image.format != "PNG" or "exif" in image.info
+        turned = (5, 6, 7, 8)
+        if is_upright and has_exif and image.getexif().get(ExifTags.Base.Orientation) in turned:
             size_px = size_px[::-1]  # turned by 90 degrees
         # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
         # eighth of its size
