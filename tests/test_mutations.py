@@ -22,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from video_files import write_video
 
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
@@ -30,6 +31,7 @@ from geovp_classic.data.findings import RAISE
 from geovp_classic.data.formats import calibration_files, pose_files
 from geovp_classic.data.frames import image_frames, video_frames
 from geovp_classic.data.layouts import detection, euroc, kitti_raw
+from geovp_classic.data.layouts.videos import Videos
 from geovp_classic.data.recordings import sequences, splits
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
@@ -83,6 +85,21 @@ def video(name: str, codec: str) -> Write:
         return path
 
     return write
+
+
+def container(name: str, **settings: Any) -> Write:
+    frames = [np.roll(IMAGE, shift, axis=1) for shift in range(6)]
+    return lambda folder: write_video(folder / name, frames, **settings)
+
+
+def cameras_of_videos(folder: Path) -> Path:
+    write_video(folder / "a.mp4", [IMAGE] * 6)
+    return write_bytes(folder / "cameras.toml", b'[a]\nfov_deg = 60\nfps = 10\nkind = "car"\n')
+
+
+def read_videos(path: Path) -> Any:
+    data = Videos(path.parent, num_frames=3, size_px=(24, 24))
+    return [data[number].frames for number in range(len(data))], data.strata(data.clip_names[0])
 
 
 def read_video(path: Path) -> Any:
@@ -197,6 +214,17 @@ ROS_YAML = f"""image_width: 48
 image_height: 32
 camera_matrix: {{data: [60, 0, 23.5, 0, 60, 15.5, 0, 0, 1]}}
 {LENS_YAML}"""
+OPENCV_YAML = """%YAML:1.0
+---
+image_width: 48
+image_height: 32
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [60, 0, 23.5, 0, 60, 15.5, 0, 0, 1]
+---
+"""
 SENSOR_YAML = f"""T_BS: {{data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}
 resolution: [48, 32]
 intrinsics: [60, 60, 23.5, 15.5]
@@ -247,6 +275,13 @@ READERS: dict[str, Reader] = {
     "tif": Reader(image("a.tif"), image_frames.read_image),
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
+    "h264 in mp4": Reader(container("a.mp4", options={"g": "3"}), read_video),
+    "h264 in ts": Reader(container("a.ts", options={"g": "3"}), read_video),
+    "h264 in mkv": Reader(container("a.mkv", options={"bf": "2"}), read_video),
+    "raw h264": Reader(container("a.h264", format="h264"), read_video),
+    "gif": Reader(container("a.gif", codec="gif", pixel_format="rgb8"), read_video),
+    "cameras.toml": Reader(cameras_of_videos, read_videos),
+    "opencv yaml": Reader(text("c.yml", OPENCV_YAML), read_calibration),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
     "clip": result("clips/a..npz", lambda results: results.clips().read("a")),
     "prediction": result(

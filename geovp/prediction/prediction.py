@@ -67,13 +67,21 @@ class Predicted:
         }
 
     def warnings(
-        self, min_tracked_fraction: float = 0.7, max_off_axis_deg: float = 6.0
+        self,
+        min_tracked_fraction: float = 0.7,
+        max_off_axis_deg: float = 6.0,
+        max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
         if self.camera.source == "assumed":
             yield (
                 f"the motion does not tell the focal length: {self.camera.fov_deg:.0f} degrees are "
                 "assumed; give --fov, --calibration or --intrinsics"
+            )
+        if self.camera.source == "field of view" and self.camera.fov_deg > max_pinhole_fov_deg:
+            yield (
+                f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such lenses "
+                "are mostly fisheyes: give --calibration with a fisheye model"
             )
         if not self.prediction.is_trusted:
             yield (
@@ -198,6 +206,7 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
             raise BadData(f"{path} is not a bag: leave out --topic")
         if path.is_dir() and request.frame_rate_hz is None:
             raise BadData(f"{path} is a folder of images, which have no times: give --fps")
+        settings["name_pattern"] = request.name_pattern
         folder = Folder(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
         return next(iter(folder.recordings.values())), None
     if request.frame_rate_hz is not None:

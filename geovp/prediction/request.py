@@ -43,6 +43,7 @@ class PredictionRequest:
     mask: Path | None = None
     device: str | None = None
     image_topic: str | None = None  # if a bag has several
+    name_pattern: str | None = None  # of images, if a folder has several series
     image_bits: int | None = None  # in use, of images with 16 bits
     has_fallback: bool = True  # by image motion or the last frame, where they predict better
 

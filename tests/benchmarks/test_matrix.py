@@ -124,3 +124,22 @@ def test_the_variants_of_the_ablation_differ() -> None:
     matrix = schema.read(CONFIGS / "ablation.toml")
     built = {repr(build_method(matrix, method.label)) for method in matrix.methods}
     assert len(built) == len(matrix.methods) == 11
+
+
+def test_a_relative_root_is_that_of_the_matrix_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From elsewhere, and where only the working directory has it, it becomes absolute, too."""
+    (tmp_path / "file" / "data").mkdir(parents=True)
+    (tmp_path / "here" / "other").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    for root, expected in (
+        ("data", tmp_path / "file" / "data"),
+        ("other", tmp_path / "here" / "other"),
+        ("$DATA/x", "$DATA/x"),
+        ("missing", "missing"),
+    ):
+        text = f'[protocol]\ndataset = {{ name = "kitti", root = "{root}" }}\n'
+        (tmp_path / "file" / "m.toml").write_text(text)
+        _, content = files.read(tmp_path / "file" / "m.toml")
+        assert content["protocol"]["dataset"]["root"] == str(expected)

@@ -41,6 +41,10 @@ CAMERA = {
 }
 FRAMES = {
     "--topic NAME": option("Image topic of a bag. Default: the only one.", dest="image_topic"),
+    "--pattern TEXT": option(
+        "Names of the images of a folder, such as 'frame*.png'. Default: all images.",
+        dest="name_pattern",
+    ),
     "--bits N": option(
         "Number of bits in use, of images with 16. Default: images have 8.",
         dest="image_bits",

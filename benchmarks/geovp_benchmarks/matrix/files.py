@@ -35,9 +35,25 @@ def read(given: Path, settings: Iterable[str] = ()) -> tuple[str, dict[str, Any]
         content = tomllib.loads(files.read_text(path))
     except (ValueError, RecursionError) as error:  # numbers of 5,000 digits are ValueErrors, too
         raise BadData(f"{path} is not TOML: {error}") from error
+    _resolve_paths(content.get("protocol"), path.parent)
     for setting in settings:
         _set(content, setting)
     return path.stem, content
+
+
+def _resolve_paths(protocol: Any, folder: Path) -> None:
+    """Make the data set's relative root absolute, so that stored results find it from anywhere.
+
+    It is relative to the matrix file, or, where nothing lies there, to the working directory.
+    """
+    dataset = protocol.get("dataset") if isinstance(protocol, dict) else None
+    for table, name in ((protocol, "root"), (dataset, "root"), (dataset, "path")):
+        text = table.get(name) if isinstance(table, dict) else None
+        if isinstance(text, str) and text and "$" not in text and text[0] != "~":
+            for place in (folder / text, Path(text)):
+                if isinstance(table, dict) and place.exists():
+                    table[name] = str(place.absolute())
+                    break
 
 
 def _set(content: dict[str, Any], setting: str) -> None:

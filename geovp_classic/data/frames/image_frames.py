@@ -4,6 +4,7 @@ Images are decoded only if they are complete. PNG has a checksum for every chunk
 PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
 """
 
+import fnmatch
 import hashlib
 import io
 import math
@@ -215,6 +216,43 @@ def image_files(folder: Path) -> list[Path]:
     what = f"{folder} cannot be listed"
     with files.checked(what, "give a video or a folder of images"):
         return sorted(filter(is_image, folder.iterdir()), key=natural_order)
+
+
+def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
+    """Return the images of a folder in their order, of which the names must leave no doubt.
+
+    `name_pattern`, such as "frame*.png", chooses some. BadData names the series of images with the
+    same numbers, such as frames and masks, and numbers that can be read in two ways.
+    """
+    paths = [
+        path
+        for path in image_files(folder)
+        if name_pattern is None or fnmatch.fnmatchcase(path.name, name_pattern)
+    ]
+    series: dict[str, list[Path]] = {}
+    by_number: dict[tuple[int, ...], list[Path]] = {}
+    for path in paths:
+        series.setdefault(re.sub(r"\d+", "*", path.name), []).append(path)
+        numbers = tuple(map(int, re.findall(r"\d+", path.stem)))
+        by_number.setdefault(numbers or (-len(by_number),), []).append(path)
+    equal = next((paths for paths in by_number.values() if len(paths) > 1), None)
+    if equal is not None and len(series) > 1:
+        names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
+        raise BadData(
+            f"{folder} holds {len(series)} series of images with the same numbers, {names:.300}: "
+            f'give name_pattern = "{next(iter(series))}"'
+        )
+    if equal is not None:
+        raise BadData(f"{equal[0]} and {equal[1].name} have the same number: remove one of them")
+    is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
+    if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
+        raise BadData(
+            f"{folder} holds {paths[0].name} to {paths[-1].name}, whose order is another if they "
+            "are decimal numbers: write equally many digits behind the point"
+        )
+    if name_pattern is not None and not paths:
+        raise BadData(f"{folder} holds no image called {name_pattern}: give another name_pattern")
+    return paths
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

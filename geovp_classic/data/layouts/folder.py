@@ -13,6 +13,7 @@ from geovp_classic.data.frames.image_frames import (
     FrameFiles,
     FrameReader,
     image_files,
+    image_series,
 )
 from geovp_classic.data.frames.video_frames import VideoFrames
 from geovp_classic.data.recordings.sequences import Scan, SequenceDataset, sequence_folders
@@ -48,6 +49,7 @@ class Folder(SequenceDataset):
     times: Path | None = None
     trajectory: Path | None = None
     is_metric: bool = True
+    name_pattern: str | None = None  # such as "frame*.png", if a folder holds masks, too
     rate_hz: Rate = field(default=DEFAULT_RATE_HZ, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -88,7 +90,9 @@ class Folder(SequenceDataset):
             with findings.catch(folder):
                 scan = scan_of_video(VideoFrames(folder))
             return {"": scan}
-        images = tuple(image_files(folder))
+        images: tuple[Path, ...] = ()
+        with findings.catch(folder):
+            images = tuple(image_series(folder))
         return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ, is_upright=True)}
 
     @property
@@ -105,7 +109,7 @@ class Folder(SequenceDataset):
             if self.times is None:
                 times_s = reader.times_at(self.frame_rate_hz)
         else:
-            images = tuple(image_files(folder))
+            images = tuple(image_series(folder, self.name_pattern))
             size_px = self._load(images[0]).shape[1::-1]
             reader = FrameFiles(images, (size_px,) * len(images), self._load)
             times_s = np.arange(len(images)) / rate_hz

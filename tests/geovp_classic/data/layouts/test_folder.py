@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from video_files import grey_levels, write_video
 
+from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.layouts.folder import Folder
 from geovp_classic.data.recordings.windows import FrameRange
@@ -159,3 +160,46 @@ def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None
     ):
         with pytest.raises(BadData, match=message):
             folder(tmp_path, **settings)
+
+
+def test_several_series_in_a_folder_are_refused_or_chosen(images: Path) -> None:
+    """Frames f1 to f12 lie beside masks m1 to m12, which would alternate with them in a video."""
+    for number in range(1, 13):
+        cv2.imwrite(str(images / f"m{number}.png"), np.zeros((24, 64), np.uint8))
+    with pytest.raises(BadData, match=r"2 series .* f\*\.png \(12 images\), m\*\.png"):
+        folder(images)
+    assert folder(images, name_pattern="f*.png")[0].frames[1, 3, 3, 0] == 20
+    with pytest.raises(BadData, match="no image called x"):
+        folder(images, name_pattern="x*")
+    assert not Doctor().examine(images).is_sound
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("1.png", "01.png", "2.png"), "have the same number"),
+        (("f1.png", "f1 (copy).png", "f2.png"), "have the same number|2 series"),
+        (("f1.png", "f2.png", "f1.jpg", "f2.jpg"), "2 series"),
+        (("10.5.png", "10.25.png", "10.75.png"), "decimal numbers"),
+    ],
+)
+def test_ambiguous_orders_are_refused(names: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), np.zeros((24, 64), np.uint8))
+    with pytest.raises(BadData, match=message):
+        folder(tmp_path, num_frames=2)
+
+
+def test_unambiguous_names_are_sorted(tmp_path: Path) -> None:
+    for order in (
+        ("a.png", "b.png", "c.png"),
+        ("9.png", "10.png", "100.jpg"),
+        ("1305.175304.png", "1305.275304.png", "1306.075304.png"),
+        ("t-1 x2.png", "t-1 x10.png", "t-2 x1.png"),
+    ):
+        place = tmp_path / order[0]
+        place.mkdir()
+        for number, name in enumerate(order):
+            cv2.imwrite(str(place / name), np.full((24, 64), 50 * number, np.uint8))
+        clip = folder(place, num_frames=3)[0]
+        np.testing.assert_allclose(clip.frames[:, 3, 3, 0], [0, 50, 100], atol=2)

@@ -183,15 +183,54 @@ def test_several_topics_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture
     messages = bag_files.messages_of(made, SHORT)
     messages += [(topic.replace("/cam/", "/rear/"), *more) for topic, *more in messages]
     path = bag_files.write_messages(tmp_path / "run", made, messages)
-    sentence = "has 2 image topics: give image_topic, one of /cam/image_raw, /rear/image_raw"
-    with pytest.raises(BadData, match=sentence):
+    sentence = "has 2 image topics: give {}, one of /cam/image_raw, /rear/image_raw"
+    with pytest.raises(BadData, match=sentence.format("image_topic")):
         RosBag(path, **CUT)
     assert_is(RosBag(path, **CUT, image_topic="/rear/image_raw")[0], SHORT, 0)
     examined = Doctor().examine(path, deep=True)
     assert examined.is_sound
     assert examined.rows[0]["frames"] == "/cam/image_raw: 5, /rear/image_raw: 5"
     assert cli.main(["predict", str(path)]) == 2
-    assert sentence in capsys.readouterr().err
+    assert sentence.format("--topic") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("pattern", list(BAYER))
+def test_compressed_mosaics_are_demosaicked(pattern: str) -> None:
+    """The encoding is the part of the format before the semicolon, with or without its bits."""
+    image = np.full((12, 16, 3), (200, 90, 30), np.uint8)
+    made = Messages(is_ros1=False)
+    for form in (f"bayer_{pattern}8; png compressed bgr8", f"bayer_{pattern}16;png compressed"):
+        message = made.compressed(START_NS, encoded(image, f"bayer_{pattern}8")[..., None])
+        message.format = form
+        np.testing.assert_array_equal(bags.decode(Path("image"), message), image)
+
+
+def test_images_with_one_stamp_have_the_times_of_recording(tmp_path: Path) -> None:
+    made = Messages(is_ros1=False)
+    messages = [
+        ("/cam/image_raw", START_NS + k * 10**8, made.image(START_NS, frame))
+        for k, frame in enumerate(SHORT.frames)
+    ]
+    path = bag_files.write_messages(tmp_path / "run", made, messages)
+    clip = RosBag(path, **CUT, intrinsics=(100, 100, 64, 64))[0]
+    np.testing.assert_allclose(clip.times_s, np.arange(4) / 10)
+    np.testing.assert_array_equal(clip.frames, SHORT.frames[:4])
+
+
+def test_depth_topics_are_no_candidates(tmp_path: Path) -> None:
+    made = Messages(is_ros1=False)
+    depth = np.full((128, 128), 1500, np.uint16)
+    messages = bag_files.messages_of(made, SHORT)
+    for k in range(3):
+        time_ns = START_NS + k * 10**8
+        messages.append(("/cam/depth", time_ns, made.image(time_ns, depth, "16UC1")))
+        packed = made.compressed(time_ns, SHORT.frames[0])
+        packed.format = "16UC1; compressedDepth png"
+        messages.append(("/cam/depth/compressed", time_ns, packed))
+    path = bag_files.write_messages(tmp_path / "run", made, messages)
+    assert_is(RosBag(path, **CUT)[0], SHORT, 0)
+    with pytest.raises(BadData, match="has no image topic .* one of /cam/image_raw"):
+        RosBag(path, **CUT, image_topic="/cam/depth/compressed")
 
 
 @pytest.mark.parametrize("name", ["run.bag", "run_mcap/run_mcap.mcap", "run/run.db3"])
