@@ -80,8 +80,8 @@ class Predicted:
             )
         if self.camera.source == "field of view" and self.camera.fov_deg > max_pinhole_fov_deg:
             yield (
-                f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such lenses "
-                "are mostly fisheyes: give --calibration with a fisheye model"
+                f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such "
+                "lenses are mostly fisheyes: give --calibration with a fisheye model"
             )
         if not self.prediction.is_trusted:
             yield (

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.matrix import CONFIGS, schema
+from geovp_benchmarks.matrix import CONFIGS, files, schema
 from geovp_benchmarks.matrix.components import build_method
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import PrivilegedInput

@@ -229,7 +229,7 @@ def test_depth_topics_are_no_candidates(tmp_path: Path) -> None:
         messages.append(("/cam/depth/compressed", time_ns, packed))
     path = bag_files.write_messages(tmp_path / "run", made, messages)
     assert_is(RosBag(path, **CUT)[0], SHORT, 0)
-    with pytest.raises(BadData, match="has no image topic .* one of /cam/image_raw"):
+    with pytest.raises(BadData, match=r"has no image topic .* one of /cam/image_raw"):
         RosBag(path, **CUT, image_topic="/cam/depth/compressed")
 
 
