@@ -78,14 +78,15 @@ class CornerTracker:
         # Local maxima, the strongest first
         is_peak = strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))
         is_peak &= strength > self.min_corner_strength
-        rows, columns = np.nonzero(is_peak)
-        order = np.argsort(-strength[rows, columns], kind="stable")
-        corners = (np.stack([columns, rows], axis=1)[order] + 0.5) * shrink - 0.5
+        peak_rows, peak_columns = np.nonzero(is_peak)
+        order = np.argsort(-strength[peak_rows, peak_columns], kind="stable")
+        peaks = np.stack([peak_columns, peak_rows], axis=1)[order]
+        corners = (peaks + 0.5) * shrink - 0.5
         if mask is None or not mask.any():
             return corners
         near = cv2.dilate(mask.astype(np.uint8), np.ones((self.window_px, self.window_px)))
-        columns, rows = corners.astype(int).T
-        return corners[near[rows, columns] == 0]
+        u, v = corners.astype(int).T
+        return corners[near[v, u] == 0]
 
     def select(self, corners: FloatArray, occupied: FloatArray, image: ByteArray) -> FloatArray:
         """Return the strongest corner [K, 2] of every cell without any of the `occupied` points.
