@@ -66,11 +66,17 @@ class Predicted:
             for name, frames in self.shown.items()
         }
 
+    @property
+    def mask_fraction(self) -> float:
+        """Return the fraction of the image that does not show the scene."""
+        return 0.0 if self.scene is None else float(self.scene.mask.mean())
+
     def warnings(
         self,
         min_tracked_fraction: float = 0.7,
         max_off_axis_deg: float = 6.0,
         max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
+        max_mask_fraction: float = 0.1,
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
         if self.camera.source == "assumed":
@@ -88,6 +94,11 @@ class Predicted:
                 "the scene predicts the last observed frames worse than "
                 f"{SHOWN_BY[self.prediction.shown_by]}, which replaces it: check the intrinsics "
                 "and the times, or give --no-fallback"
+            )
+        if self.mask_fraction > max_mask_fraction:
+            yield (
+                f"{self.mask_fraction:.0%} of the image do not show the scene and are repeated "
+                "from the last frame, see strip.png: if they do show it, give --no-mask or --mask"
             )
         motion = self.prediction.motion
         if motion is None:
@@ -131,7 +142,7 @@ class Predicted:
         if scene is not None:
             about["shown_by"] = self.prediction.shown_by
             about["hindcast_errors"] = dict(scene.verdict.errors)
-            about["scene_mask_fraction"] = scene.mask.mean()
+            about["scene_mask_fraction"] = self.mask_fraction
         return about
 
     def summary(self) -> list[str]:
@@ -144,6 +155,8 @@ class Predicted:
             f"camera ({camera.source}): focal length {camera.intrinsics.fx_px:.1f} px{interval}, "
             f"{camera.fov_deg:.0f} degrees wide"
         ]
+        if self.mask_fraction > 0:
+            lines.append(f"mask: {self.mask_fraction:.1%} of the image does not show the scene")
         for metric in self.scores.get("predicted", ()):
             means = (f"{name} {each[metric].mean():.3f}" for name, each in self.scores.items())
             lines.append(f"{metric}: {', '.join(means)}")

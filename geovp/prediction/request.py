@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic.dataclasses import dataclass
 
@@ -41,6 +41,8 @@ class PredictionRequest:
     predictor: Spec | None = None
     num_samples: int = 1
     mask: Path | None = None
+    mask_mode: Literal["add", "replace"] = "add"  # to the detected camera-fixed pixels
+    no_mask: bool = False
     device: str | None = None
     image_topic: str | None = None  # if a bag has several
     name_pattern: str | None = None  # of images, if a folder has several series
@@ -72,12 +74,19 @@ class PredictionRequest:
             fields["device"] = self.device
         with registry.defaults(**fields):
             predictor = self._build()
-        if self.mask is None:
+        if self.mask is None and not self.no_mask:
             return predictor
+        if self.mask is not None and self.no_mask:
+            raise BadData("--mask and --no-mask exclude each other: keep one of them")
         if not isinstance(predictor, GeometricPredictor):
             name = registry.name_of(predictor)
-            raise BadData(f"--mask needs a pose source and a renderer, {name} has none")
-        return replace(predictor, observer=replace(predictor.observer, mask=self.mask))
+            raise BadData(
+                f"--mask and --no-mask need a pose source and a renderer, {name} has none"
+            )
+        observer = replace(predictor.observer, mask=self.mask, mask_mode=self.mask_mode)
+        if self.no_mask:
+            observer = replace(observer, camera_fixed=None)
+        return replace(predictor, observer=observer)
 
     def _build(self) -> FramePredictor:
         if self.predictor is not None:

@@ -66,6 +66,11 @@ ARGUMENTS = {
         ),
         "--past N = 10": option("Number of observed frames.", dest="num_past", type=number(2)),
         "--mask FILE": "Image that is nonzero where no scene is shown. Default: detected.",
+        "--mask-mode MODE = add": option(
+            "Whether --mask adds to the detected camera-fixed pixels or replaces them.",
+            choices=("add", "replace"),
+        ),
+        "--no-mask": option("Take no pixels for camera-fixed. Default: detect them."),
         "--full": option("Use uncropped frames. Default: their middle.", dest="with_full"),
     },
     **CAMERA,
