@@ -28,8 +28,11 @@ class WindowCorrelation:
 
     # Windows whose grey values vary less match nothing: about the noise of a camera.
     noise_variance: float = 2.0
-    # Cost where no source sees the point: half of the range, neither good nor bad.
-    unseen_cost: int = 128
+    # Where no source sees the point, the cost is that of a window with this part of the correlation
+    # that its texture allows: neither good nor bad. A window of the sky, which matches nothing
+    # anywhere, must not prefer the planes that no source sees. 0.5 brings .24 dB on videos of other
+    # cameras, at the borders of what they saw before, and .02 dB on KITTI's train and val.
+    unseen_correlation: float = 0.5
     # Extra cost of the nearest plane, so that windows without texture, like the sky's, are far. Set
     # by hand, below the cost of a large step between neighbours.
     max_near_cost: int = 8
@@ -60,6 +63,7 @@ class WindowCorrelation:
         windows = self._windows(reference)
         images = _neighbourhoods(sources)
         near_costs = self._near_costs(num_planes)
+        unseen_costs = self._unseen_costs(windows[2])
         costs = np.empty((height, width, num_planes), np.uint8)
 
         def match(first: int) -> None:
@@ -80,7 +84,7 @@ class WindowCorrelation:
                 self.short_stride,
                 np.float32(self.noise_variance),
                 np.float32(255 - self.max_near_cost),
-                np.uint8(self.unseen_cost),
+                unseen_costs[first:last],
                 near_costs,
                 first - top,
                 planes,
@@ -94,13 +98,25 @@ class WindowCorrelation:
     def is_seen(
         self,
         costs: CostArray,  # [H, W, N]
+        reference: ByteArray,  # [H, W] grey
     ) -> BoolArray:
         """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
         # Points between the outermost planes are seen where those are; `_write_mean_costs` writes
-        # `unseen_cost` elsewhere.
-        unseen = self.unseen_cost + self._near_costs(costs.shape[-1])
+        # the costs of unseen ones elsewhere.
+        unseen_costs = self._unseen_costs(self._windows(reference)[2])
+        near_costs = self._near_costs(costs.shape[-1])
         outermost = [0, -1]
-        return np.asarray((costs[..., outermost] != unseen[outermost]).any(axis=-1))
+        unseen = unseen_costs[..., None] + near_costs[outermost]
+        return np.asarray((costs[..., outermost] != unseen).any(axis=-1))
+
+    def _unseen_costs(
+        self,
+        inverse_deviation: FloatArray,  # [H, W], of windows of the reference, with their noise
+    ) -> CostArray:
+        """Return the costs [H, W] of points that no source sees."""
+        texture = np.maximum(1 - self.noise_variance * inverse_deviation**2, 0)
+        costs = (255 - self.max_near_cost) * (1 - self.unseen_correlation * texture)
+        return np.asarray(costs.astype(np.uint8))
 
     def _near_costs(self, num_planes: int) -> CostArray:
         """Return the extra costs [N] of the planes."""
@@ -144,7 +160,7 @@ def _match_band(
     short_stride: int,
     noise_variance: np.float32,
     max_cost: np.float32,
-    unseen_cost: np.uint8,
+    unseen_costs: CostArray,  # [R, W]
     near_costs: CostArray,  # [N]
     first: int,  # of the scored rows, in the band
     costs: CostArray,  # [N, R, W], written
@@ -175,7 +191,7 @@ def _match_band(
                 after,
                 np.float32((plane - block) / short_stride),
                 max_cost,
-                unseen_cost,
+                unseen_costs,
                 near_costs[plane],
                 costs[plane],
             )
@@ -274,7 +290,7 @@ def _write_mean_costs(
     after: FloatArray,  # [2, R, W]
     weight: np.float32,  # of the plane after this one
     max_cost: np.float32,
-    unseen_cost: np.uint8,
+    unseen_costs: CostArray,  # [R, W]
     near_cost: np.uint8,
     costs: CostArray,  # [R, W], written
 ) -> None:
@@ -288,7 +304,7 @@ def _write_mean_costs(
             count += weight * (after[1, row, x] - count) + scores[1, row, x]
             # The mean over the sources that see the pixel; without any, a neutral cost.
             cost = max_cost * score / max(count, np.float32(1e-6))
-            mean = np.uint8(cost) if count > 0 else unseen_cost
+            mean = np.uint8(cost) if count > 0 else unseen_costs[row, x]
             costs[row, x] = mean + near_cost
 
 

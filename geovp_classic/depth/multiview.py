@@ -141,7 +141,7 @@ class Multiview:
 
         # Islands of wrong matches are filled, and confidence is 0 there.
         is_wrong = find_islands(levels, self.max_speckle_fraction, self.max_speckle_step)
-        is_certain = ~is_wrong & self.matching.is_seen(costs)
+        is_certain = ~is_wrong & self.matching.is_seen(costs, image)
         confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
         return fill_from_background(inverse_depth, ~is_wrong), confidence.astype(np.float32)
 
