@@ -37,7 +37,8 @@ def greys_of(frames: ByteArray) -> ByteArray:
 
 
 def scene_mask(frames: ByteArray) -> BoolArray:
-    return Observer().scene(greys_of(frames))[0]
+    """The letterbox bars alone."""
+    return Observer(camera_fixed=None).scene(greys_of(frames))[0]
 
 
 def vehicle_mask(frames: ByteArray) -> BoolArray:
@@ -147,7 +148,7 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
     found = vehicle_mask(context.frames)
     shown = np.where(found[..., None], context.frames[-1], 77)
     np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
-    np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
+    assert not prediction.covered.any()  # copies do not count
     scene = predictor.reconstruct(predictor.observe(context), context.past)
     other = context.intrinsics.resized(50, 40)  # shows the scene alone
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
