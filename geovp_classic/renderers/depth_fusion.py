@@ -7,6 +7,8 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
+from geovp_classic.layers.layered_scene import LayeredScene
+from geovp_classic.layers.moving_regions import MovingPatch, MovingRegions
 from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
@@ -44,6 +46,9 @@ class DepthFusion:
     # None: the exposure stays that of the last frame.
     exposure: ExposureControl | None = ExposureControl()
 
+    # None: everything is taken for a part of the static scene.
+    moving: MovingRegions | None = MovingRegions()
+
     def __post_init__(self) -> None:
         if self.num_frames < 1:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
@@ -78,6 +83,12 @@ class DepthFusion:
         mask = observations_of(recent, "crop").mask
         if mask is not None:
             is_known &= ~mask
+        # What moves on its own is no part of it.
+        patches: list[MovingPatch] = []
+        if self.moving is not None:
+            patches = self.moving.detect(greys, past, recent.intrinsics, inverse_depths[-1])
+        for patch in patches:
+            is_known[-1] &= ~patch.mask
         # Uncropped frames are rendered at their own resolution.
         frames = recent.frames if recent.full is None else recent.full.frames
         sources = [
@@ -102,6 +113,8 @@ class DepthFusion:
             self.detail,
             self.crack_px,
         )
+        if patches:
+            scene = LayeredScene(scene, sources[-1], last_s, patches)
         if self.exposure is not None:
             is_whole = self.frames == "full"
             scene = ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, is_whole)

@@ -1,0 +1,1 @@
+"""Layers of the last frame that the static scene does not explain."""
