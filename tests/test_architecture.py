@@ -19,7 +19,8 @@ CLASSIC_LAYERS = [
     {"types", "colmap_library"},
     {"geometry", "parallel", "files", "atomic"},
     {"interfaces", "observation", "data"},
-    {"odometry", "forecasting", "pose_refinement", "depth", "rendering"} | {"metrics", "registry"},
+    {"odometry", "forecasting", "pose_refinement", "depth", "layers", "rendering"}
+    | {"metrics", "registry"},
     {"pose_sources", "inpainters"},
     {"renderers"},  # depth fusion has a default inpainter
     {"predictors"},

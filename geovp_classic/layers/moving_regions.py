@@ -13,15 +13,7 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory
-
-
-class MovingPatch(NamedTuple):
-    """A flat, rigid patch that faces the last camera and moves at a constant velocity."""
-
-    mask: BoolArray  # [H, W], in the last frame
-    inverse_depth: float
-    velocity_per_s: FloatArray  # [3], in the world frame and unit of the trajectory
-    stays: bool  # in place in the image, like a hood
+from geovp_classic.types.layers import MovingPatch
 
 
 class _Explanations(NamedTuple):

@@ -7,8 +7,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
-from geovp_classic.layers.layered_scene import LayeredScene
-from geovp_classic.layers.moving_regions import MovingPatch, MovingRegions
+from geovp_classic.layers.moving_regions import MovingRegions
 from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
@@ -18,10 +17,12 @@ from geovp_classic.rendering.exposure import (
     ExposureControl,
     ExposureEstimator,
 )
+from geovp_classic.rendering.layered_scene import LayeredScene
 from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.rendering.source import Source
 from geovp_classic.types import Context, PrivilegedInput, Trajectory
+from geovp_classic.types.layers import MovingPatch
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scene
-from geovp_classic.layers.moving_regions import MovingPatch
 from geovp_classic.rendering.source import Source
 from geovp_classic.types import FloatArray, Intrinsics, Views
+from geovp_classic.types.layers import MovingPatch
 
 
 @dataclass(frozen=True)
