@@ -77,6 +77,7 @@ class Predicted:
         max_off_axis_deg: float = 6.0,
         max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
         max_mask_fraction: float = 0.1,
+        min_turn_deg: float = 0.1,
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
         if self.camera.source == "assumed":
@@ -114,7 +115,12 @@ class Predicted:
         if (motion.past.scale_uncertainty or 0.0) >= MIN_SPREAD:
             yield "no road was found: the scale is that of typical driving speeds"
         if not se3.step_lengths(motion.past.world_from_cam).any():
-            yield "the camera is stationary, so the prediction is static"
+            poses = motion.past.world_from_cam
+            turn_rad = se3.rotation_angle_rad(se3.inverse(poses[-1]) @ poses).max()
+            if turn_rad < np.radians(min_turn_deg):
+                yield "the camera is stationary, so the prediction is static"
+            else:
+                yield "the camera turns without moving, so all depths are unknown"
 
     def about(self) -> dict[str, Any]:
         """Return the contents of predict.json."""
@@ -138,6 +144,7 @@ class Predicted:
                 "is_metric": motion.past.is_metric,
                 "scale_uncertainty": motion.past.scale_uncertainty,
                 "off_axis_deg": off_axis_deg(motion),
+                "forecaster": motion.forecaster and registry.describe(motion.forecaster),
             }
         if scene is not None:
             about["shown_by"] = self.prediction.shown_by
@@ -146,7 +153,7 @@ class Predicted:
         return about
 
     def summary(self) -> list[str]:
-        """Return a line on the camera, one per metric, and one per warning."""
+        """Return lines on the camera, the forecast and what is shown, metrics and warnings."""
         camera = self.camera
         interval = ""
         if camera.interval_px is not None:
@@ -157,6 +164,14 @@ class Predicted:
         ]
         if self.mask_fraction > 0:
             lines.append(f"mask: {self.mask_fraction:.1%} of the image does not show the scene")
+        motion = self.prediction.motion
+        if motion is not None and motion.forecaster is not None:
+            lines.append(f"forecast by {registry.name_of(motion.forecaster)}")
+        if self.scene is not None:
+            shown_by = SHOWN_BY.get(self.prediction.shown_by or "geometry", "geometry")
+            covered = self.prediction.covered
+            seen = "" if covered is None else f", {covered.mean():.0%} of the pixels were seen"
+            lines.append(f"shown by {shown_by}{seen}")
         for metric in self.scores.get("predicted", ()):
             means = (f"{name} {each[metric].mean():.3f}" for name, each in self.scores.items())
             lines.append(f"{metric}: {', '.join(means)}")

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.forecasting.selected import Selected
 from geovp_classic.interfaces import Forecaster, Odometry
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded_past import RecordedPast
@@ -35,10 +36,14 @@ class Chained:
         """Return the tracked past and its forecast; one sample if all samples are equal."""
         past, tracked = self.odometry.track(context.only(self.odometry.needs))
         times_s = context.times_s[context.num_past :]
-        futures = self.forecaster.forecast(past, times_s, num_samples)
+        # Which forecaster is used is part of the result
+        forecaster = self.forecaster
+        if isinstance(forecaster, Selected):
+            forecaster = forecaster.select(past)
+        futures = forecaster.forecast(past, times_s, num_samples)
         if (futures == futures[0]).all():
             futures = futures[:1]
-        return Motion(past, futures, tracked)
+        return Motion(past, futures, tracked, forecaster)
 
 
 class ContinuedRecording(ABC):

@@ -1,6 +1,6 @@
 """Planar motion: futures reduced to (x, z, yaw) on the ground plane."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,4 +35,4 @@ class Planar:
         world_from_last = motion.past.world_from_cam[-1]
         states = planar.reduce(motion.futures, world_from_last, vehicle_from_cam)
         futures = planar.lift(states, world_from_last, vehicle_from_cam)
-        return Motion(motion.past, futures, motion.tracked)
+        return replace(motion, futures=futures)

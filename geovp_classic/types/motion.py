@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,8 @@ class Motion(ShortRepr):
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
     # [P]; False for a pose that was bridged instead of measured
     tracked: BoolArray
+    # Component that forecast the futures; None: not known, or they were not forecast
+    forecaster: Any = None
 
     def __post_init__(self) -> None:
         store_rigid(self, "futures", 4)

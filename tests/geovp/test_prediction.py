@@ -286,6 +286,42 @@ def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command
     assert np.abs(seen - ahead).mean() < 1
 
 
+@pytest.mark.parametrize(("turn_deg", "says"), [(0.0, "stationary"), (1.0, "turns without moving")])
+def test_a_camera_that_only_turns_is_not_called_stationary(
+    tmp_path: Path, turn_deg: float, says: str
+) -> None:
+    # Eight views of one image, as of the middle 96 pixels of a camera that turns about its centre
+    image, matrix = street.clip(2, 0.0).frames[0], CAMERA.matrix
+    frames = []
+    for step in range(8):
+        turn = se3.exp(np.array([0, 0, 0, 0, np.radians(turn_deg * (step - 4)), 0]))[:3, :3]
+        homography = matrix @ turn @ np.linalg.inv(matrix)
+        frames.append(cv2.warpPerspective(image, homography, (128, 128))[16:-16, 16:-16])
+    write_images(tmp_path, np.stack(frames))
+    given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px - 16, CAMERA.cy_px - 16)
+    request = PredictionRequest(
+        tmp_path, given, frame_rate_hz=10.0, num_past=8, num_future=2, size_px=(96, 96)
+    )
+    warnings = [*prediction.predict(request).warnings()]
+    assert any(says in each for each in warnings)
+    assert sum("stationary" in each or "turns" in each for each in warnings) == 1
+
+
+def test_the_forecaster_and_what_is_shown_get_one_line_each(written: Path, images: Path) -> None:
+    # With a camera height the street is a drive in metres, for which the motion prior is preferred
+    about = json.loads((written / "predict.json").read_text())
+    assert about["forecaster"]["name"] == "motion-prior"
+    given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
+    request = PredictionRequest(
+        images, given, frame_rate_hz=10.0, first=0, num_past=8, num_future=2, size_px=(96, 96)
+    )
+    predicted = prediction.predict(request)
+    assert predicted.about()["forecaster"]["name"] == "persistent-turn"
+    assert "forecast by persistent-turn" in predicted.summary()
+    (shown,) = (line for line in predicted.summary() if line.startswith("shown by geometry: "))
+    assert shown.endswith(" of the pixels were seen, 0% are masked")
+
+
 def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
     given = predict(images, "--past 6 --future 2 --size 64")
     hold = '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "hold" }'
