@@ -69,6 +69,20 @@ def test_constant_exposure_stays() -> None:
     np.testing.assert_array_equal(log_gains(single, 60, 100, np.log(100), TIMES_S[:1]), 0)
 
 
+@pytest.mark.parametrize(("factor", "observed_range"), [(1.0, 0.05), (3.0, 0.05), (3.0, 0.0)])
+def test_the_exposure_changes_as_far_as_observed(factor: float, observed_range: float) -> None:
+    # The mean of the image falls from 100 to 50, which a free control compensates in 4 s by log 2
+    exposure = estimate(np.exp([0.0, observed_range, 0.0, 0.0, 0.0]))
+    assert exposure.log_range == pytest.approx(observed_range, abs=0.01)
+    control = ExposureControl(max_range_factor=factor)
+    histograms = np.eye(256)[50], np.eye(256)[100]
+    certain = replace(exposure, confidence=1.0)
+    gain = control.log_gain(certain, 4.0, *histograms, np.log(100))
+    assert gain == pytest.approx(factor * observed_range, abs=0.03)
+    free = replace(certain, log_range=np.inf)
+    assert control.log_gain(free, 4.0, *histograms, np.log(100)) > 0.5
+
+
 def test_a_trend_continues_for_a_moment() -> None:
     exposure = estimate(1.05 ** np.arange(5))
     assert exposure.log_rate_hz == pytest.approx(np.log(1.05) / 0.1, rel=0.1)
