@@ -5,6 +5,7 @@ fraction of pixels that a method covers.
 """
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -31,12 +32,28 @@ FACTS = {  # in words, with their units
 
 
 def divide(results: Results, by: str) -> list[Results]:
-    """Return a subset per stratum that has clips; raise BadData if the attribute is unknown."""
-    if by not in DIVISIONS:
-        raise BadData(f"clips cannot be divided by {by!r}{nearest(by, DIVISIONS)}")
-    fact, bounds = DIVISIONS[by]
+    """Return a subset per stratum that has clips; raise BadData if the attribute is unknown.
+
+    An attribute in words, such as the kind of a video, has a stratum per text.
+    """
     stored = results.clip_facts()
-    facts = {clip: numbers[fact] for clip, numbers in stored.items() if fact in numbers}
+    texts = {clip: facts[by] for clip, facts in stored.items() if isinstance(facts.get(by), str)}
+    if texts:
+        texts = {clip: texts.get(clip, "unknown") for clip in results.protocol()["clips"]}
+        return [
+            _subset(results, (clip for clip in texts if texts[clip] == text), f"{by}: {text}")
+            for text in dict.fromkeys(texts.values())
+        ]
+    if by not in DIVISIONS:
+        words = {
+            name
+            for facts in stored.values()
+            for name, text in facts.items()
+            if isinstance(text, str)
+        }
+        raise BadData(f"clips cannot be divided by {by!r}{nearest(by, [*DIVISIONS, *words])}")
+    fact, bounds = DIVISIONS[by]
+    facts = {clip: float(numbers[fact]) for clip, numbers in stored.items() if fact in numbers}
     source = ""
     if not facts and fact == "seen":
         facts, source = _covered(results.select())
@@ -53,10 +70,14 @@ def divide(results: Results, by: str) -> list[Results]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
-        replace(results, subset=frozenset(names), label=f"{FACTS[fact]} {label}{source}")
+        _subset(results, names, f"{FACTS[fact]} {label}{source}")
         for label, names in clips.items()
         if names
     ]
+
+
+def _subset(results: Results, clips: Iterable[str], label: str) -> Results:
+    return replace(results, subset=frozenset(clips), label=label)
 
 
 def _covered(results: Results) -> tuple[dict[str, float], str]:

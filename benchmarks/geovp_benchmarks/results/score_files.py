@@ -28,7 +28,7 @@ from geovp_benchmarks.results.scores import Scores
 from geovp_benchmarks.validation import adapter
 from geovp_classic.types import FloatArray
 
-Facts = dict[str, dict[str, float]]
+Facts = dict[str, dict[str, float | str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,11 @@ class ScoreRecord:
     peak_memory_mb: float = 0.0  # the highest during their prediction; 0 where unknown
     code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
     failures: dict[str, Failure] = field(default_factory=dict)  # by clip
+    # `Prediction.shown_by` by clip, of predictors with more than one way to show it
+    shown_by: dict[str, str] = field(default_factory=dict)
     written_ns: int = 0  # the newest scores of a clip count
     digests: dict[str, str] = field(default_factory=dict)  # of the content of the clips, if known
-    # numbers of the clips themselves, by clip; empty when read, see `ScoreFiles.facts`
+    # numbers and texts about the clips, by clip; empty when read, see `ScoreFiles.facts`
     facts: Annotated[Facts, Field(exclude=True)] = field(default_factory=dict)
     path: Annotated[Path, Field(exclude=True)] = Path()  # of the score file
 
@@ -75,6 +77,12 @@ class NewestRecords(dict[str, ScoreRecord]):
         return {clip: record.failures[clip] for clip, record in records if clip in record.failures}
 
     @property
+    def shown_by(self) -> dict[str, str]:
+        """Return what clips are shown by, where a predictor states it."""
+        records = self.items()
+        return {clip: record.shown_by[clip] for clip, record in records if clip in record.shown_by}
+
+    @property
     def seconds(self) -> dict[str, float]:
         """Return the seconds of all clips by stage."""
         total_s: defaultdict[str, float] = defaultdict(float)
@@ -101,6 +109,7 @@ class NewestRecords(dict[str, ScoreRecord]):
                 seconds=group.seconds,
                 peak_memory_mb=group.peak_memory_mb,
                 failures=group.failures,
+                shown_by=group.shown_by,
                 digests={
                     clip: record.digests[clip]
                     for clip, record in group.items()
@@ -144,7 +153,7 @@ class ScoreFiles:
         return by_method
 
     def facts(self, records: Iterable[ScoreRecord]) -> Facts:
-        """Return numbers that are known of the clips themselves, by clip and name."""
+        """Return numbers and texts about the clips themselves, by clip and name."""
         facts: Facts = {}
         for _, text in self._metadata("facts", {record.path for record in records}):
             facts |= json.loads(text)

@@ -185,7 +185,7 @@ class Results:
 
     @_remembered
     def clip_facts(self) -> Facts:
-        """Return numbers that are known of the clips themselves, by clip and name."""
+        """Return numbers and texts about the clips themselves, by clip and name."""
         methods = self.by_name().values()
         records = (record for method in methods for record in method.scored.values())
         facts = self._score_files.facts(records)

@@ -3,6 +3,7 @@ privileged inputs of a method.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,8 @@ MARKS = {  # PrivilegedInput -> (mark next to the method's name, its meaning)
     "RIGHT_FRAMES": ("r", "right camera's frames"),
     "FUTURE_FRAMES": ("i", "future images, for poses only"),
 }
+
+FALLBACKS = {"image-motion": "image motion", "last-frame": "the last frame"}  # of ShownBy
 
 
 def title(metric: str) -> str:
@@ -72,6 +75,15 @@ def summary(protocol: Mapping[str, Any]) -> str:
         f"{count} clip{'s' * (count != 1)} of {data_name(protocol)}; {frames} at "
         f"{width_px}x{height_px}"
     )
+
+
+def fallbacks(method: Method) -> str:
+    """Return the number of clips that a fallback of a method shows, by fallback; "" for none."""
+    ways = Counter(way for way in method.scored.shown_by.values() if way in FALLBACKS)
+    counts = [f"{count} by {FALLBACKS[way]}" for way, count in sorted(ways.items())]
+    first, *others = counts or [""]
+    number, _, way = first.partition(" ")
+    return ", ".join([f"{number} of {method.num_clips} clips {way}", *others]) if counts else ""
 
 
 def marks(method: Method) -> str:

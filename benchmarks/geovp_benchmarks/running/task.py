@@ -55,6 +55,11 @@ class BuiltMatrix:
             )
         return clip
 
+    def texts(self, name: str) -> dict[str, str]:
+        """Return what the data set says about a clip in words, such as its kind."""
+        texts = getattr(self.dataset, "strata", None)
+        return texts(name) if texts else {}
+
 
 def code_of(predictor: FramePredictor) -> str:
     """Return a short hash of the source files that scores of a predictor depend on."""
@@ -185,7 +190,8 @@ def _scored(task: Task) -> list[Scored]:
             peak_memory_mb=usage.peak_mb,
             code=code_of(predictor),
             failures=failures,
-            facts={task.clip: clip.facts} if scores.values else {},
+            facts={task.clip: clip.facts | built.texts(task.clip)} if scores.values else {},
+            shown_by={task.clip: prediction.shown_by} if prediction.shown_by else {},
         )
         scored.append((scores, record))
         announce(step, done=1)

@@ -144,7 +144,10 @@ class Videos(SequenceDataset):
 
     @cached_property
     def _windows(self) -> dict[str, Recording]:
-        """Return the frames of each clip, by its name: its sequence and its first stored frame."""
+        """Return the frames of each clip, by its name: its sequence and its first stored frame.
+
+        Each is a recording of that name.
+        """
         clips = {}
         for name, recording in self.native_recordings.items():
             times_s = recording.times_s
@@ -159,7 +162,8 @@ class Videos(SequenceDataset):
             for start in np.unique(np.linspace(0, last, int(self.num_windows)).round().astype(int)):
                 following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
                 window = recording.selected(start + following[: self.num_frames])
-                clips[windows.clip_name(name, int(start))] = self._paused(window)
+                clip_name = windows.clip_name(name, int(start))
+                clips[clip_name] = self._paused(replace(window, name=clip_name))
         return clips
 
     @property
@@ -174,15 +178,9 @@ class Videos(SequenceDataset):
 
     def __getitem__(self, index: int) -> Clip:
         """Return one clip; BadData names the video that is wrong."""
+        return replace(super().__getitem__(index), name=self.clip_names[index])
+
+    def _place(self, index: int) -> tuple[Recording, int]:
         if self.num_windows == "all":
-            return super().__getitem__(index)
-        name = self.clip_names[index]
-        clip = windows.cut(
-            self._windows[name],
-            0,
-            self.num_frames,
-            self.size_px,
-            with_full=self.with_full,
-            fit=self.fit,
-        )
-        return replace(clip, name=name)
+            return super()._place(index)
+        return self._windows[self.clip_names[index]], 0

@@ -295,9 +295,9 @@ class SequenceDataset(ABC):
 
     def __getitem__(self, index: int) -> Clip:
         """Return one clip; BadData names the image that is wrong."""
-        sequence, first = self._starts[index]
+        recording, first = self._place(index)
         return windows.cut(
-            self.recordings[sequence],
+            recording,
             first,
             self.num_frames,
             self.size_px,
@@ -310,19 +310,23 @@ class SequenceDataset(ABC):
 
         Of image files, the size and a sample of bytes are read.
         """
-        sequence, first = self._starts[index]
-        recording = self.recordings[sequence]
+        recording, first = self._place(index)
         digests = self._frame_digests
         for step in range(first, first + self.num_frames):
-            if (sequence, step) not in digests:
+            if (recording.name, step) not in digests:
                 readers = (recording.frames, recording.depths)
-                digests[sequence, step] = b"".join(
+                digests[recording.name, step] = b"".join(
                     reader.digest(step) for reader in readers if reader is not None
                 )
         span = slice(first, first + self.num_frames)
-        frame_digests = [digests[sequence, step] for step in range(span.start, span.stop)]
+        frame_digests = [digests[recording.name, step] for step in range(span.start, span.stop)]
         shape = repr((self.size_px, self.fit, self.image_bits)).encode()
         return windows.digest(recording, span, [shape, *frame_digests])
+
+    def _place(self, index: int) -> tuple[Recording, int]:
+        """Return the recording that a clip is cut from, and its first frame there."""
+        sequence, first = self._starts[index]
+        return self.recordings[sequence], first
 
     @cached_property
     def _frame_digests(self) -> dict[tuple[str, int], bytes]:

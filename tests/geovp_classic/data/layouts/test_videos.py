@@ -48,6 +48,7 @@ def test_the_first_and_the_last_window_of_each_video_are_clips(root: Path) -> No
     assert slow.intrinsics.fx_px == pytest.approx(50 * 32 / 48)
     assert (fast.camera_height_m, slow.camera_height_m) == (1.4, None)
     assert data.strata("slow/000004") == {"kind": "drone"}
+    assert len({data.clip_digest(index) for index in range(4)}) == 4
 
 
 def test_rates_windows_and_steps_are_settings(root: Path) -> None:
