@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geovp_benchmarks import plots, report
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Processes
+from geovp_benchmarks.running.rescore import rescore, stored_metrics
 from geovp_benchmarks.running.task import BuiltMatrix
 from geovp_benchmarks.tables import tables
 from geovp_classic.errors import GeovpError
@@ -251,6 +253,20 @@ class TestFailures:
         tried = len(log.read_text().split())
         go(tmp_path, tables, keep="0")  # failed clips only: 3 and 4
         assert len(log.read_text().split()) == tried + 2
+
+    def test_tables_report_and_rescoring_count_what_was_shown(self, tmp_path: Path) -> None:
+        predictors = {"fallback": {"name": "toy-fallback"}, **STILL}
+        metrics = {"frame": ["toy-difference"], "trajectory": []}
+        out = Results(tmp_path / "out")
+        go(out.root, content({"clips": 5}, metrics, predictors=predictors), keep="all")
+        counts = "2 of 5 clips by image motion, 1 by the last frame"
+        again = Results(tmp_path / "again")
+        rescore(out, again, stored_metrics(out))
+        for results in (out, again):
+            (note,) = [note for note in tables.build(results)[0].notes if "image motion" in note]
+            assert note.startswith(f"fallback: {counts}")
+        report.write(out, plots.Options())
+        assert f"fallback shows {counts}, and the others" in out.report.read_text()
 
     def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(
         self, tmp_path: Path

@@ -272,10 +272,13 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
     failures = {"b": Failure("failed", "no features", "trace")}
     for index, name in enumerate("ab"):
         facts = {name: {"yaw_deg": float(index)}}
-        record = ScoreRecord("x", [name], "f", failures=failures, facts=facts)
+        record = ScoreRecord(
+            "x", [name], "f", failures=failures, facts=facts, shown_by={name: f"way {name}"}
+        )
         results.write_scores([(rows_of(name, 1.0), record)])
     assert results.by_name()["x"].scored.failures == failures
     assert results.clip_facts() == {"a": {"yaw_deg": 0.0}, "b": {"yaw_deg": 1.0}}
     results.merge([results.by_name()["x"]])
     write_protocol(results, "x", "b")
     assert results.clip_facts() == {"b": {"yaw_deg": 1.0}}
+    assert results.by_name()["x"].scored.shown_by == {"b": "way b"}

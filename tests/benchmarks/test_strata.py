@@ -4,6 +4,7 @@ figures of its own.
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from geovp_benchmarks import plots
 from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
+from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
@@ -27,7 +29,7 @@ COVERED = {"a": 0.9, "b": 0.8, "c": 0.7, "d": 0.95, "e": 0.99}
 UNITS = {"psnr": ("dB", True), "coverage": ("", None)}
 
 
-def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> Results:
+def fill(root: Path, facts: Mapping[str, Mapping[str, float | str]], num_clips: int = 5) -> Results:
     """PSNR is 10, 11, ... by clip and falls by 1 from the first step to the second; `half` has only
     the first clip.
     """
@@ -128,6 +130,27 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
         "pixels of moving objects (fraction) below 0.01": {"a"},
         "pixels of moving objects (fraction) 0.01 or more": {"b", "c"},
     }
+
+
+def test_texts_of_the_data_set_divide_clips(tmp_path: Path) -> None:
+    """Of two attributes called moving, the text of the data set counts."""
+    texts: dict[str, dict[str, float | str]] = {
+        "a": {"kind": "drone", "moving": "none"},
+        "b": {"kind": "phone, indoors", "moving": "none"},
+        "c": {"kind": "drone"},
+    }
+    results = fill(tmp_path, texts)
+    for by, expected in (
+        ("kind", {"kind: drone": "ac", "kind: phone, indoors": "b"}),
+        ("moving", {"moving: none": "ab", "moving: unknown": "c"}),
+    ):
+        divided = {
+            subset.label: "".join(sorted(subset.protocol()["clips"]))
+            for subset in strata.divide(results, by)
+        }
+        assert divided == expected
+    with pytest.raises(BadData, match="did you mean 'kind'"):
+        strata.divide(results, "kid")
 
 
 def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Results) -> None:

@@ -37,20 +37,15 @@ def divide(results: Results, by: str) -> list[Results]:
     An attribute in words, such as the kind of a video, has a stratum per text.
     """
     stored = results.clip_facts()
-    texts = {clip: facts[by] for clip, facts in stored.items() if isinstance(facts.get(by), str)}
-    if texts:
-        texts = {clip: texts.get(clip, "unknown") for clip in results.protocol()["clips"]}
-        return [
-            _subset(results, (clip for clip in texts if texts[clip] == text), f"{by}: {text}")
-            for text in dict.fromkeys(texts.values())
-        ]
+    stated = [item for facts in stored.values() for item in facts.items()]
+    words = {name for name, value in stated if isinstance(value, str)}
+    if by in words:
+        texts: dict[str, list[str]] = {}
+        for clip in results.protocol()["clips"]:
+            text = stored.get(clip, {}).get(by, "unknown")
+            texts.setdefault(str(text), []).append(clip)
+        return [_subset(results, clips, f"{by}: {text}") for text, clips in texts.items()]
     if by not in DIVISIONS:
-        words = {
-            name
-            for facts in stored.values()
-            for name, text in facts.items()
-            if isinstance(text, str)
-        }
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, [*DIVISIONS, *words])}")
     fact, bounds = DIVISIONS[by]
     facts = {clip: float(numbers[fact]) for clip, numbers in stored.items() if fact in numbers}

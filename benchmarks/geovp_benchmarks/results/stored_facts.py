@@ -3,7 +3,6 @@ privileged inputs of a method.
 """
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -78,12 +77,10 @@ def summary(protocol: Mapping[str, Any]) -> str:
 
 
 def fallbacks(method: Method) -> str:
-    """Return the number of clips that a fallback of a method shows, by fallback; "" for none."""
-    ways = Counter(way for way in method.scored.shown_by.values() if way in FALLBACKS)
-    counts = [f"{count} by {FALLBACKS[way]}" for way, count in sorted(ways.items())]
-    first, *others = counts or [""]
-    number, _, way = first.partition(" ")
-    return ", ".join([f"{number} of {method.num_clips} clips {way}", *others]) if counts else ""
+    """Return in words how many clips each fallback of a method shows; "" for none."""
+    ways = [*method.scored.shown_by.values()]
+    counts = [f"{ways.count(way)} by {words}" for way, words in FALLBACKS.items() if way in ways]
+    return ", ".join(counts).replace(" by", f" of {method.num_clips} clips by", 1)
 
 
 def marks(method: Method) -> str:
