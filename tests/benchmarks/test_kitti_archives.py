@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli
+from geovp_benchmarks.audit import kitti_archives
 from geovp_benchmarks.matrix import papers
-from geovp_classic.data.layouts import kitti_archives
 
 
 def test_odometry_names_what_each_sequence_lacks(tmp_path: Path) -> None:

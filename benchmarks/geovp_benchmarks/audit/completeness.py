@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from geovp_benchmarks.audit import kitti_archives
 from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import grid
-from geovp_classic.data.layouts import kitti_archives
 from geovp_classic.data.recordings import splits
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
