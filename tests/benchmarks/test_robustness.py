@@ -187,6 +187,7 @@ def test_scratch_files_of_killed_runs_are_removed(street: Path, printed: Says) -
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"half")
+        os.utime(path, (0, 0))  # of long ago
     printed(*run(street))
     assert not any(path.exists() for path in left)
 

@@ -31,9 +31,9 @@ def results_lock(root: Path, abandoned_s: float = 3600.0) -> Iterator[None]:
     lock = FileLock(root / ".lock")
     with suppress(NotImplementedError):  # a file system without locks
         try:
-            lock.acquire(timeout=0)
+            lock.acquire(timeout=1)  # others hold it for moments
         except Timeout:
-            logger.info("waiting for another run that writes in %s", root)
+            logger.warning("waiting for another run in %s", root)
             lock.acquire()
     try:
         for scratch in [*root.glob("*/*/.*.part"), *root.glob("clips/.*.part")]:

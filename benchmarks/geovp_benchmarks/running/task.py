@@ -24,6 +24,7 @@ from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Prediction, PrivilegedInput
 
 Scored = tuple[Scores, ScoreRecord]
+FULL_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def score_clip(task: Task) -> list[Scored]:
     try:
         return _scored(task)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if isinstance(error, OSError) and error.errno in FULL_DISK:
             raise
         return unscored(task, Failure.of(error))
 
