@@ -13,7 +13,6 @@ from pathlib import Path
 from geovp_benchmarks.cli import run as run_command
 from geovp_benchmarks.cli.options import LinesAndCode, option
 from geovp_classic.errors import BadData
-from geovp_classic.types import PrivilegedInput
 
 ARGUMENTS = {
     **run_command.ARGUMENTS,
@@ -26,6 +25,7 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     from geovp_benchmarks.matrix import papers, schema
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.tables import formats, published
+    from geovp_classic.types import PrivilegedInput
 
     name = str(args.matrix)
     paper = papers.load(name)  # an unknown name is bad input
