@@ -1,4 +1,4 @@
-"""Draw the film strip of the landing page: python docs/film_strip.py."""
+"""Draw the film strips of the site on the synthetic street: python docs/film_strip.py."""
 
 from pathlib import Path
 
@@ -8,24 +8,38 @@ from geovp.drawing.strip import draw_strip
 
 CLIP = 3  # brakes at a crossing
 SIZE_PX = (192, 192)
-OUT = Path(__file__).parent / "images" / "street.jpg"
+IMAGES = Path(__file__).parent / "images"
 
 
 def main() -> None:
-    """Draw the real future and predictions with true poses, without poses, and by copying."""
+    """Draw the real future and predictions of the landing page, and of the page on `field`."""
     clip = geovp.open_clip({"name": "synthetic", "num_clips": 8, "size_px": SIZE_PX}, CLIP)
     context, target = clip.split(10, ~geovp.PrivilegedInput.NONE)
-    predictions = {
-        "real": geovp.Prediction(target.frames[None]),
-        "true poses": geovp.predict(context, "registered"),
-        "no true pose": geovp.predict(context.only(geovp.PrivilegedInput.CAMERA_HEIGHT)),
-        "copied": geovp.build("predictors", "copy-last").predict(context),
-    }
-    strip = Page("street")
-    rows = {name: prediction.frames[0] for name, prediction in predictions.items()}
-    ahead_s = context.times_s[10:] - context.times_s[9]
+    real = {"real": geovp.Prediction(target.frames[None])}
+    copied = {"copied": geovp.build("predictors", "copy-last").predict(context)}
+    _draw(
+        "street",
+        clip,
+        {
+            **real,
+            "true poses": geovp.predict(context, "registered"),
+            "no true pose": geovp.predict(context.only(geovp.PrivilegedInput.CAMERA_HEIGHT)),
+            **copied,
+        },
+    )
+    alone = context.only(geovp.PrivilegedInput.NONE)
+    names = ("default", "flow-extrapolation")
+    predictors = {name: geovp.build("predictors", name) for name in names}
+    predictions = {name: each.predict(alone) for name, each in predictors.items()}
+    _draw("field", clip, {**real, **predictions, **copied})
+
+
+def _draw(name: str, clip: geovp.Clip, predictions: dict[str, geovp.Prediction]) -> None:
+    strip = Page(name)
+    rows = {label: prediction.frames[0] for label, prediction in predictions.items()}
+    ahead_s = clip.times_s[10:] - clip.times_s[9]
     draw_strip(strip, rows, ahead_s, 6.0)
-    strip.write(OUT)
+    strip.write(IMAGES / f"{name}.jpg")
 
 
 if __name__ == "__main__":
