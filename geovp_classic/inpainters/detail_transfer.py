@@ -43,7 +43,8 @@ class DetailTransfer:
 
         def add_detail(step: int) -> ByteArray:
             covered = views.covered[step]
-            if covered.all():
+            # Nothing is missing, or all: then the view is the last frame, with all its detail
+            if covered.all() or not covered.any():
                 return inpainted[step]
             coarse = wide_blur(inpainted[step], sigma_px)
             detailed = cv2.add(coarse, detail, dtype=cv2.CV_8U)

@@ -38,6 +38,9 @@ class DepthFusion:
     num_frames: int = 10  # the last usable ones: one second at KITTI's 10 Hz
     # Gaps up to twice this width between surfaces are closed, not inpainted. Chosen on train, val.
     crack_px: int = 3
+    # Of a view; with less it is the last frame, not inpainted. Chosen on KITTI's train and val, by
+    # LPIPS and the look of the views.
+    min_covered_fraction: float = 0.2
     # Relative, of inverse depths of one surface in two frames. Set by hand.
     max_depth_difference: float = 0.1
     patch_model: PatchModel = PatchModel()
@@ -53,6 +56,10 @@ class DepthFusion:
     def __post_init__(self) -> None:
         if self.num_frames < 1:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
+        if not 0 <= self.min_covered_fraction <= 1:
+            raise BadData(
+                f"min_covered_fraction is {self.min_covered_fraction}, expected from 0 to 1"
+            )
         if not (0 < self.max_depth_difference < 1 and self.crack_px >= 0):
             raise BadData(
                 f"max_depth_difference is {self.max_depth_difference} and crack_px "
@@ -113,6 +120,7 @@ class DepthFusion:
             self.inpainter,
             self.detail,
             self.crack_px,
+            self.min_covered_fraction,
         )
         if patches:
             scene = LayeredScene(scene, sources[-1], last_s, patches)

@@ -104,6 +104,7 @@ class CloudScene:
     inpainter: Inpainter
     detail: MagnifiedDetail | None
     crack_px: int
+    min_covered_fraction: float
 
     def view(
         self,
@@ -133,6 +134,11 @@ class CloudScene:
             frame, covered, magnification = sampler.sample(
                 inverse_depth, source_index, world_from_cam[step]
             )
+            # A view that hardly any surface covers becomes the last frame as it is: less would be
+            # continued over all of the image.
+            if covered.mean() < self.min_covered_fraction:
+                covered = np.zeros_like(covered)
+                magnification = np.ones_like(magnification)
             return (
                 frame,
                 covered,

@@ -70,6 +70,12 @@ def test_colours_come_from_the_border_and_detail_from_the_last_frame() -> None:
     assert np.abs(np.diff(inpainted, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
 
 
+def test_an_uncovered_view_is_the_last_frame_with_all_its_detail() -> None:
+    last = np.random.default_rng(1).integers(0, 255, (9, 11, 3), np.uint8)
+    for inpainter in (NearestBackground(), Telea(), DetailTransfer()):
+        np.testing.assert_array_equal(inpainter.inpaint(random_views([0.0]), last)[0], last)
+
+
 @pytest.mark.parametrize("settings", [{"coarse_fraction": 1.0}, {"strength": -0.1}])
 def test_bad_settings_are_refused(settings: dict[str, float]) -> None:
     with pytest.raises(BadData, match=next(iter(settings))):

@@ -59,6 +59,25 @@ def test_earlier_surfaces_are_added_only_behind_later_ones(factor: float, is_add
     assert not ((rows == 1) & (columns >= 2) & (columns < 4)).any()
 
 
+@pytest.mark.parametrize("turn_deg", [40, 48])
+def test_a_hardly_covered_view_is_the_last_frame(turn_deg: float) -> None:
+    # Half the image is 32 px wide, which is 28.07 degrees at a focal length of 60 px. Turned by 40,
+    # the view shows the wall in 32 + 60 tan(28.07 - 40) = 19 of 64 columns, by 48 in 10. Part of
+    # the rows lies outside of the last frame.
+    context, past = past_of(at((0, 0)))
+    scene = DepthFusion(Given(), exposure=None).reconstruct(context, past)
+    turn = se3.exp(np.array([[0, 0, 0, 0, np.radians(turn_deg), 0]]))
+    views = scene.view(turn, np.array([0.1]), CAMERA)
+    is_last = np.array_equal(views.frames[0], context.frames[-1])
+    if turn_deg == 40:
+        assert 0.2 < views.covered.mean() < 19.5 / 64
+        assert not is_last
+    else:
+        assert not views.covered.any()
+        assert (views.depths == 0).all()
+        assert is_last
+
+
 def test_looking_back_or_from_behind_the_wall_shows_nothing() -> None:
     scene = DepthFusion(Given(), inpainter=Blank()).reconstruct(*past_of(at((0, 0), (0, 1))))
     backward = se3.exp(np.array([[0, 0, 0, 0, np.pi, 0]]))
