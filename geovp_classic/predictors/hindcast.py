@@ -146,14 +146,18 @@ class ShownScene:
         intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F], in any size."""
+        size_px = intrinsics.width_px, intrinsics.height_px
+        last = pinhole.resize(self.context.frames[-1], size_px)
+        copied = self.copied(world_from_cam, intrinsics)
+        if copied.all():
+            frames = np.repeat(last[None], len(times_s), axis=0)
+            return Views(frames, ~copied, np.zeros(copied.shape, np.float32))
         if self.verdict.shown_by == "image-motion":
             views = self._moved_views(times_s, intrinsics)
         else:
             views = self.scene.view(world_from_cam, times_s, intrinsics)
-        copied = self.copied(world_from_cam, intrinsics)
         if not copied.any():
             return views
-        last = pinhole.resize(self.context.frames[-1], (intrinsics.width_px, intrinsics.height_px))
         frames = np.where(copied[..., None], last, views.frames)
         return Views(frames, views.covered & ~copied, views.depths)
 

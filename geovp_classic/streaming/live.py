@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.observation import Observed, observations_of
 from geovp_classic.odometry.monocular import MonocularRun
@@ -121,8 +122,8 @@ class LivePredictor:
         """Forget all frames."""
         self._window: list[_Frame] = []  # usable ones
         self._odometry: MonocularRun | None = None
-        self._earlier: list[_Present] = []  # the last ones, the oldest first
-        self._tests: list[dict[ShownBy, float]] = []  # errors of their predictions
+        self._tested: list[_Present] = []  # since the one whose prediction is tested next
+        self._tests: list[dict[ShownBy, float]] = []  # errors of tested predictions
         self._state = _State()
 
     def push(self, frame: ByteArray, time_s: float) -> PushReport:
@@ -171,18 +172,18 @@ class LivePredictor:
             scene = replace(scene, image_motion=hindcast.image_motion, verdict=verdict)
         plane = planar.level_vehicle_from_cam(odometry.pitch_rad)
         present = _Present(scene, past, tracked, times_s, futures, plane)
-        self._earlier = [*self._earlier, present][-self.settings.hindcast_steps :]
+        if self._tested or len(past) >= self.settings.hindcast_steps:
+            self._tested.append(present)
         self._state = _State(added, False, present)
         return PushReport(status, seconds)
 
     def _test(self, added: _Frame, mask: BoolArray) -> None:
-        """Compare a new frame with what was predicted for its time some frames ago."""
+        """Compare a new frame with what was predicted for its time, once in `hindcast_steps`."""
         settings = self.settings
-        if len(self._earlier) < settings.hindcast_steps:
+        if len(self._tested) < settings.hindcast_steps:
             return
-        earlier = self._earlier[0]
-        if len(earlier.past) < settings.hindcast_steps:  # too few for a scene like the present one
-            return
+        earlier = self._tested[0]
+        self._tested = []
         size_px = settings.hindcast.frame_size(self.intrinsics)
         times_s = np.array([added.time_s])
         camera = self.intrinsics.resized(*size_px)
@@ -209,7 +210,7 @@ class LivePredictor:
             return "used"
         self._window = []
         self._odometry = None
-        self._earlier, self._tests = [], []
+        self._tested, self._tests = [], []
         self._state = _State(added)
         return "restarted"
 
@@ -333,7 +334,7 @@ class LivePredictor:
         numbers = np.arange(len(self._window))[frames]
         self._window = [self._window[number] for number in numbers]
         self._odometry = None
-        self._earlier, self._tests = [], []
+        self._tested, self._tests = [], []
         return self._observe()[0]
 
     def _track(self, observed: Observed) -> MonocularRun:
@@ -366,6 +367,8 @@ class LivePredictor:
 
         # The central future is shown; the spread of the others is the uncertainty of the path
         forecaster = settings.forecaster
+        if isinstance(forecaster, Selected):
+            forecaster = forecaster.select(past)
         futures = forecaster.forecast(past, times_s[1:])[:1]
         if past.is_metric and len(past) >= settings.min_frames:
             samples = forecaster.forecast(past, times_s[1:], settings.num_path_samples)
