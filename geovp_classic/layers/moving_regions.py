@@ -20,7 +20,7 @@ class _Explanations(NamedTuple):
     """Mean differences [H, W] of the last frame from earlier ones, in grey values."""
 
     static: FloatArray
-    own: FloatArray
+    moved: FloatArray
     is_seen: BoolArray  # [H, W], in most of the earlier frames
     parallax_px: FloatArray  # largest distance between both explanations
     motion_px_s: FloatArray  # [H, W, 2], own motion, into the past
@@ -65,13 +65,13 @@ class MovingRegions:
         explained = self._explain(greys, past, camera, inverse_depth, strides)
 
         # Connected pixels that move on their own, without gaps and specks.
-        is_moving = explained.own < self.max_difference_ratio * explained.static
-        is_moving &= explained.static - explained.own > self.min_gain
+        is_moving = explained.moved < self.max_difference_ratio * explained.static
+        is_moving &= explained.static - explained.moved > self.min_gain
         is_moving &= explained.parallax_px > self.min_parallax_px
         is_moving &= explained.is_seen
         contrast = self._contrast(greys[-1])
         is_moving &= contrast > self.min_contrast
-        is_moving &= explained.own < self.max_own_ratio * contrast
+        is_moving &= explained.moved < self.max_own_ratio * contrast
         square = np.ones((self.window_px, self.window_px), np.uint8)
         moving = cv2.morphologyEx(is_moving.view(np.uint8), cv2.MORPH_CLOSE, square)
         moving = cv2.morphologyEx(moving, cv2.MORPH_OPEN, square)
@@ -120,7 +120,7 @@ class MovingRegions:
         motion_px_s = motion_px_s / sum(s * s for s in elapsed_s)
 
         # Where each explanation finds the pixels in the earlier frames, and how they differ there.
-        static, own, num_seen, parallax_px = np.zeros((4, *last.shape), np.float32)
+        static, moved_difference, num_seen, parallax_px = np.zeros((4, *last.shape), np.float32)
         for stride, time_s in zip(strides, elapsed_s, strict=True):
             earlier = greys[-1 - stride]
             pose, last_pose = past.world_from_cam[[-1 - stride, -1]]
@@ -131,12 +131,14 @@ class MovingRegions:
             is_seen &= _is_inside(moved, last.shape)
             num_seen += is_seen
             static += self._differences(last, earlier, projected) * is_seen
-            own += self._differences(last, earlier, moved) * is_seen
+            moved_difference += self._differences(last, earlier, moved) * is_seen
             distance_px = np.linalg.norm(projected - moved, axis=-1) * is_seen
             parallax_px = np.maximum(parallax_px, distance_px)
         count = np.maximum(num_seen, 1)
         is_seen = num_seen > len(strides) / 2
-        return _Explanations(static / count, own / count, is_seen, parallax_px, motion_px_s)
+        return _Explanations(
+            static / count, moved_difference / count, is_seen, parallax_px, motion_px_s
+        )
 
     def _contrast(self, image: ByteArray) -> FloatArray:
         """Return the standard deviations [H, W] of windows of an image."""

@@ -98,8 +98,8 @@ class SegmentScale:
 
         If nothing was measured, a speed may be assumed, which is that of the longest segment.
         """
-        longest = localised.select(localised.in_longest_segment)
-        self.estimator.finalize(longest.length, longest.duration_s)
+        segment = localised.select(localised.in_longest_segment)
+        self.estimator.finalize(segment.length, segment.duration_s)
         # Forget the updates that the estimator has forgotten, which are the first ones
         num_remembered = len(self.estimator.units)
         del self._updates[: len(self._updates) - num_remembered]

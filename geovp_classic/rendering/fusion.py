@@ -182,12 +182,12 @@ def close_cracks(
     width = closed_index.shape[1]
     for _ in range(2 * crack_px):
         # All gaps choose their farthest neighbour before any of them is written.
-        farthest = gaps - width
+        source = gaps - width
         for neighbour in (gaps + width, gaps - 1, gaps + 1):
-            is_farther = flat_inverse_depth[neighbour] < flat_inverse_depth[farthest]
-            farthest = np.where(is_farther, neighbour, farthest)
-        flat_inverse_depth[gaps] = flat_inverse_depth[farthest]
-        flat_index[gaps] = flat_index[farthest]
+            is_farther = flat_inverse_depth[neighbour] < flat_inverse_depth[source]
+            source = np.where(is_farther, neighbour, source)
+        flat_inverse_depth[gaps] = flat_inverse_depth[source]
+        flat_index[gaps] = flat_index[source]
         gaps = gaps[flat_index[gaps] == NO_INDEX]  # those beside no surface yet
     closed_inverse_depth[closed_index == NO_INDEX] = -1
     return closed_inverse_depth[1:-1, 1:-1], closed_index[1:-1, 1:-1]
