@@ -121,7 +121,7 @@ def test_idle_connections_and_a_slow_client_leave_a_page_its_views() -> None:
         idle = [stack.enter_context(socket.create_connection(pages.address)) for _ in range(2000)]
         slow = stack.enter_context(socket.create_connection(pages.address))
         noise = np.random.default_rng(0).integers(0, 256, (2000, 2000, 3), np.uint8)
-        pages.publish(Shown({"late image": noise}, None, 0.5, 0.9))
+        pages.publish(Shown({"late image": noise}, None, None, 0.5, 0.9))
         slow.sendall(f"GET /{TOKEN}/views/0 HTTP/1.1\r\nHost: a\r\n\r\n".encode())
         pages.publish(session.shown(7))
         page = Client(pages)

@@ -45,7 +45,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("predicted") / "out"
-    more = ["--camera-height", "1.65", "--first", "0", "--out", str(out)]
+    # In metres, the motion of the image would replace this short clip
+    more = ["--camera-height", "1.65", "--first", "0", "--no-fallback", "--out", str(out)]
     assert cli.main([*predict(images), *more, *SHORT]) == 0
     return out
 
@@ -239,11 +240,11 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["settings"]["size_px"] == [96, 96]
     assert about["predictor"]["pose_source"]["name"] == "refined"
     assert {"python", "numpy", "geovp"} <= about["versions"].keys()
-    assert about["code"] == code_hash([street])  # all of its components are of this package
+    request = PredictionRequest(written, camera_height_m=1.65, has_fallback=False)
+    assert about["code"] == code_hash([request.build()])
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
-    assert about["shown_by"] == "geometry"
-    assert about["hindcast_errors"]["geometry"] < about["hindcast_errors"]["last-frame"]
+    assert (about["shown_by"], about["hindcast_errors"]) == ("geometry", {})  # without fallback
     predicted = cv2.imread(str(written / "frames" / "000008.png")).astype(float)
     real = cv2.resize(street.clip().frames[8][..., ::-1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((predicted - real) ** 2))
@@ -318,8 +319,14 @@ def test_the_forecaster_and_what_is_shown_get_one_line_each(written: Path, image
     predicted = prediction.predict(request)
     assert predicted.about()["forecaster"]["name"] == "persistent-turn"
     assert "forecast by persistent-turn" in predicted.summary()
-    (shown,) = (line for line in predicted.summary() if line.startswith("shown by geometry: "))
-    assert shown.endswith(" of the pixels were seen, 0% are masked")
+    about, lines = predicted.about(), predicted.summary()
+    assert about["shown_by"] == "geometry"
+    assert about["hindcast_errors"]["geometry"] < about["hindcast_errors"]["last-frame"]
+    assert predicted.prediction.covered is not None
+    seen = predicted.prediction.covered.mean()
+    assert seen > 0.9
+    assert f"shown by geometry, {seen:.0%} of the pixels were seen" in lines
+    assert not any(line.startswith("mask: ") for line in lines)
 
 
 def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
