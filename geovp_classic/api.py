@@ -16,10 +16,13 @@ from geovp_classic.observation import Observer
 from geovp_classic.predictors.default import default_pose_source
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast
-from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
+from geovp_classic.types import Clip, Context, FloatArray, Prediction, ShownBy, Target
 
 DEFAULT_HINDCAST = Hindcast()
-SHOWN_BY = {"image-motion": "the motion of the image", "last-frame": "the last frame"}
+SHOWN_BY: dict[ShownBy | None, str] = {
+    "image-motion": "the motion of the image",
+    "last-frame": "the last frame",
+}
 
 logger = logging.getLogger(__name__)
 

@@ -79,7 +79,8 @@ class Hindcast:
         size_px = self.frame_size(context.intrinsics)
         needs = predictor.needs | self.image_motion.needs
         first, second = _resized_clip(context, size_px).split(context.num_past // 2, needs)
-        first = replace(first, steps=context.steps[: first.num_past])
+        if context.steps is not None:
+            first = replace(first, steps=context.steps[: first.num_past])
         mask = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
 
         # Predict its future, and compare
@@ -203,7 +204,8 @@ class ShownScene:
             future_s = np.append(past_s[-2:], times_s[is_future])
             prediction = self.image_motion.predict(Context(last, future_s, camera))
             frames[is_future] = prediction.frames[0]
-            covered[is_future] = prediction.covered[0]
+            if prediction.covered is not None:
+                covered[is_future] = prediction.covered[0]
         return Views(frames, covered, np.zeros(frames.shape[:3], np.float32))
 
 

@@ -60,7 +60,7 @@ def _rescored(
         [name],
         method.fingerprint,
         failures=method.scored.failures,
-        facts={name: results.clip_facts().get(name, {}) | clip.facts},
+        facts={name: {**results.clip_facts().get(name, {}), **clip.facts}},
         shown_by={name: prediction.shown_by} if prediction.shown_by else {},
         digests={name: digest} if (digest := results.digests.get(name)) else {},
     )
