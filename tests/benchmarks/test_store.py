@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.failure import Failure
+from geovp_benchmarks.results.score_files import Facts, Failure
 from geovp_benchmarks.results.store import (
     Results,
     ScoreRecord,
@@ -271,7 +271,7 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
     results = begun(tmp_path)
     failures = {"b": Failure("failed", "no features", "trace")}
     for index, name in enumerate("ab"):
-        facts = {name: {"yaw_deg": float(index)}}
+        facts: Facts = {name: {"yaw_deg": float(index)}}
         record = ScoreRecord(
             "x", [name], "f", failures=failures, facts=facts, shown_by={name: f"way {name}"}
         )

@@ -58,8 +58,9 @@ class BuiltMatrix:
 
     def texts(self, name: str) -> dict[str, str]:
         """Return what the data set says about a clip in words, such as its kind."""
-        texts = getattr(self.dataset, "strata", None)
-        return texts(name) if texts else {}
+        describe = getattr(self.dataset, "strata", None)
+        texts: dict[str, str] = describe(name) if describe else {}
+        return texts
 
 
 def code_of(predictor: FramePredictor) -> str:
