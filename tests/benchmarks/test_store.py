@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.results.score_files import Facts, Failure
+from geovp_benchmarks.failure import Failure
+from geovp_benchmarks.results.score_files import Facts
 from geovp_benchmarks.results.store import (
     Results,
     ScoreRecord,
