@@ -19,6 +19,7 @@ import street
 from hypothesis import settings
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
+from video_files import write_video
 
 import geovp_classic
 from geovp_classic import registry
@@ -83,6 +84,9 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
                 _write_kitti(tmp_path, clip)
             elif name == "kitti-raw":
                 _write_kitti_raw(tmp_path, 1, clip)
+            elif name == "videos":
+                write_video(tmp_path / "street.mp4", clip.frames)
+                (tmp_path / "cameras.toml").write_text("[street]\nfov_deg = 60\n")
             else:
                 write = request.getfixturevalue(f"write_{name}")
                 write(tmp_path, "street_000000_000019", clip)

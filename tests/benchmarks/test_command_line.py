@@ -145,7 +145,8 @@ def test_the_page_of_a_component(printed: Says) -> None:
     assert "privileged inputs: past poses" in text
     text = printed("list", "depth-fusion")
     assert "from geovp_classic.renderers.depth_fusion:DepthFusion" in text
-    assert "\ndepth.aggregation.small_step_cost = 5  # of a difference of one plane\n" in text
+    comment = "height of the crops for which settings were chosen"
+    assert f"\ndepth.tall_px = 256  # {comment}\n" in text
 
 
 @pytest.mark.parametrize("name", ["depth-fusion", "refined", "monocular", "motion-prior"])

@@ -28,7 +28,7 @@ def test_the_stages_of_a_clip_give_the_prediction_of_the_predictor() -> None:
 
 def test_a_live_frame_is_the_sum_of_its_stages() -> None:
     *stages, whole, _ = (line.split() for line in live.lines(2, None, num_warm_up=8))
-    names = ["observe", "track", "scale", "scene", "forecast", "view"]
+    names = ["observe", "track", "scale", "scene", "forecast", "hindcast", "view"]
     assert [name for name, *_ in stages] == names
     # The median of two frames is their mean; rounding adds up to 0.4 ms.
     assert 0 < sum(float(line[1]) for line in stages) <= float(whole[1]) + 0.4

@@ -150,7 +150,7 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
     np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
     assert not prediction.covered.any()  # copies do not count
     scene = predictor.reconstruct(predictor.observe(context), context.past)
-    other = context.intrinsics.resized(50, 40)  # shows the scene alone
+    other = context.intrinsics.cropped(0, 0, 50, 40)  # another field of view: the scene alone
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
 
 
