@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from geovp_classic.odometry.speed_prior import SpeedPrior
 
 from geovp_classic import registry
 from geovp_classic.data.layouts.kitti import Kitti
@@ -28,6 +27,7 @@ from geovp_classic.types import (
     PrivilegedInput,
     Trajectory,
 )
+from geovp_classic.types.speed_prior import SpeedPrior
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
