@@ -19,6 +19,13 @@ from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_images
 
 DRIVES = (60, 84, 93, 96)
+# Methods with networks as published; the networks of the suite are others and have other labels
+NOT_INCLUDED = {
+    "thesis": {
+        *("svg-1", "svg-100", "srvp-1", "srvp-100", "slamp-1", "slamp-100"),
+        *("ours", "gt-2d", "gt-3d"),
+    }
+}
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +133,8 @@ def test_the_methods_that_reproduce_a_paper_are_those_of_its_rows(name: str) -> 
     paper, matrix = papers.load(name), schema.read(Path(name))
     labels = {method.label for method in matrix.methods}
     assert "copy-last" in labels
-    assert {row.method for row in paper.published.row if row.method} <= labels
+    absent = {row.method for row in paper.published.row if row.method} - labels
+    assert absent == NOT_INCLUDED.get(name, set())
     assert {metric for row in paper.published.row for metric in row.numbers} <= set(paper.metrics)
 
 
