@@ -272,6 +272,6 @@ def _run(
     observed = predictor.observe(context)
     motion = predictor.estimate(observed, num_samples)
     announce("reconstructing", 1)
-    scene = predictor.reconstruct(observed, motion.past)
+    scene = predictor.judge(predictor.reconstruct(observed, motion.past), motion)
     announce("rendering", 1)
     return show(scene, motion, context), scene

@@ -6,6 +6,8 @@ import numpy as np
 
 from geovp_classic.interfaces import PoseSource, Renderer
 from geovp_classic.observation import Observed, Observer, observations_of
+from geovp_classic.odometry.recorded_past import RecordedPast
+from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.hindcast import Hindcast, ShownScene
 from geovp_classic.types import (
     Context,
@@ -41,7 +43,7 @@ class GeometricPredictor:
         observed = self.observe(context)
         motion = self.estimate(observed, num_samples)
         scene = self.reconstruct(observed, motion.past)
-        return show(scene, motion, context)
+        return show(self.judge(scene, motion), motion, context)
 
     def observe(self, context: Context) -> Observed:
         """Reduce the context to the scene and compute its observations."""
@@ -52,16 +54,24 @@ class GeometricPredictor:
         return self.pose_source.estimate(observed.context.only(self.pose_source.needs), num_samples)
 
     def reconstruct(self, observed: Observed, past: Trajectory) -> ShownScene:
-        """Reconstruct the scene, which depends on the past alone, and hindcast the past."""
+        """Reconstruct the scene, which depends on the past alone."""
         needs = self.renderer.needs
         scene = self.renderer.reconstruct(observed.context.only(needs), past)
-        usable = observed.original.observed(observations_of(observed.context, "crop").is_usable)
-        mask = observed.crop_mask(needs)
-        shown = ShownScene(scene, usable, mask, past.world_from_cam[-1])
+        is_usable = observations_of(observed.context, "crop").is_usable
+        usable = replace(observed.original, past=past).observed(is_usable)
+        return ShownScene(scene, usable, observed.crop_mask(needs), past.world_from_cam[-1])
+
+    def judge(self, scene: ShownScene, motion: Motion) -> ShownScene:
+        """Return the scene with the verdict of the hindcast on what is to be shown."""
         if self.hindcast is None:
-            return shown
-        verdict = self.hindcast.judge(replace(self, hindcast=None), usable, mask)
-        return replace(shown, image_motion=self.hindcast.image_motion, verdict=verdict)
+            return scene
+        # The poses are known: their forecast and the scene are tested
+        source = self.pose_source
+        if motion.forecaster is not None:
+            source = Chained(RecordedPast(), motion.forecaster)
+        tested = replace(self, pose_source=source, hindcast=None)
+        verdict = self.hindcast.judge(tested, scene.context, scene.mask)
+        return replace(scene, image_motion=self.hindcast.image_motion, verdict=verdict)
 
 
 def show(scene: ShownScene, motion: Motion, context: Context) -> Prediction:

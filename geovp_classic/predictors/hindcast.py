@@ -1,8 +1,9 @@
 """Hindcasting: what would have been predicted is compared with what was then observed.
 
 The first half of the observed frames predicts the second half: by geometry, by the motion of the
-image, and by copies of the last frame. This tests poses, depths and the forecast at once, with
-observed frames alone, and decides what a clip is shown by.
+image, and by copies of the last frame. This tests depths, layers and the forecast at once, with
+observed frames alone, and decides what a clip is shown by. The poses of the first half are those of
+the whole past: with five frames alone, odometry fails more often than with ten.
 """
 
 from collections.abc import Mapping, Sequence

@@ -217,4 +217,4 @@ def _predict(
     key = method.renderer, poses
     scene = usage.shared("reconstruct", key, lambda: predictor.reconstruct(observed, past))
     with usage.measure("view"):
-        return show(scene, motion, context)
+        return show(predictor.judge(scene, motion), motion, context)

@@ -125,7 +125,7 @@ def gains_db(
             if source not in motions:
                 motions[source] = predictor.estimate(observed)
             motion = motions[source]
-            scene = predictor.reconstruct(observed, motion.past)
+            scene = predictor.judge(predictor.reconstruct(observed, motion.past), motion)
             views = scene.view(motion.futures[0, steps], times_s, context.intrinsics)
             gains[number] = (psnr(views.frames, real, None) - copied_db).mean()
     return gains

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import pinhole
+from geovp_classic.odometry.recorded_past import RecordedPast
+from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast, ShownScene, Verdict
 from geovp_classic.types import (
+    BoolArray,
     Clip,
     Context,
     FloatArray,
@@ -220,3 +224,26 @@ def test_frames_are_half_as_large_but_not_below_128_px(
     size_px: tuple[int, int], view_px: tuple[int, int]
 ) -> None:
     assert Hindcast().frame_size(CAMERA.resized(*size_px)) == view_px
+
+
+@dataclass
+class CountedOdometry:
+    """The recorded past; counts how often it is tracked."""
+
+    count: int = 0
+
+    needs = PrivilegedInput.PAST_POSES
+
+    def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
+        self.count += 1
+        return RecordedPast().track(context)
+
+
+def test_the_hindcast_forecasts_the_tracked_past() -> None:
+    """It needs no second odometry, which would have half of the frames alone."""
+    odometry = CountedOdometry()
+    context, _ = clip().split(NUM_PAST, odometry.needs)
+    source = Chained(odometry, ConstantVelocity())
+    prediction = GeometricPredictor(source, Wall(), hindcast=HINDCAST).predict(context)
+    assert odometry.count == 1
+    assert prediction.shown_by == "geometry"
