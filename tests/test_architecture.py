@@ -39,10 +39,10 @@ DATA_LAYERS = [
 BENCHMARK_LAYERS = [
     {"failure", "validation"},
     {"results"},
-    {"matrix", "analysis"},
+    {"matrix", "statistics"},
     {"tables"},
     {"plots", "running"},
-    {"report", "audit", "evaluation"},
+    {"report", "checks", "error_budget", "trajectories"},
     {"cli"},
 ]
 NEVER_IMPORTED = {

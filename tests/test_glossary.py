@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks.analysis.strata import DIVISIONS
-from geovp_benchmarks.evaluation.oracles import STAGES
+from geovp_benchmarks.error_budget.oracles import STAGES
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.results.stored_facts import MARKS, title
+from geovp_benchmarks.statistics.strata import DIVISIONS
 from geovp_classic import registry
 from tests import registered
 

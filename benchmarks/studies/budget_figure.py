@@ -18,7 +18,7 @@ ARGUMENTS = {
 def run(args: argparse.Namespace) -> Iterator[str]:
     """Draw a panel per metric with a row per stage; yield the lines of the table."""
     tables = budget.tables(args)
-    stages = [row.label for row in tables[0].methods]
+    stages = [row.label for row in tables[0].rows]
     places = np.arange(len(stages))
     size_in = 3 * len(tables), 1 + 0.3 * len(stages)
     with panels(args.figure, size_in, len(tables)) as drawn:
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
             axes.axvline(0, color="0.5", linewidth=0.8)
             axes.set_xlabel(f"change of {table.name.upper()}")
             for number, column in enumerate(table.columns):
-                changes = [row.scores[column.key] for row in table.methods]
+                changes = [row.scores[column.key] for row in table.rows]
                 numbers = [(change.mean, change.low, change.high) for change in changes]
                 mean, low, high = np.transpose(numbers)
                 errors = mean - low, high - mean

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.random import Generator
 
 from geovp.progress import tracked
-from geovp_benchmarks.analysis.drives import Intervals
-from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.intervals import Intervals
+from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic.types import FloatArray
 

@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from geovp.display.channel import Channel
 from geovp.progress import tracked
-from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.cli.options import number, option
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
 from geovp_classic.geometry import planar, se3

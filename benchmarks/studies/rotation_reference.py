@@ -17,8 +17,8 @@ import numpy as np
 import pycolmap
 
 from geovp_benchmarks.cli.options import option
-from geovp_benchmarks.evaluation.odometry import track_sequences
 from geovp_benchmarks.tables.formats import grid
+from geovp_benchmarks.trajectories.odometry import track_sequences
 from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics

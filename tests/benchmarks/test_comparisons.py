@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.tables import formats, tables
-from geovp_benchmarks.tables.table_model import Column, MethodScores, best
+from geovp_benchmarks.tables.table_model import Column, Row, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -19,12 +19,12 @@ SCENES = np.random.default_rng(0).normal(20.0, 3.0, 30)  # how hard each clip is
 OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
-def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> MethodScores:
+def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> Row:
     score = BlockBootstrap().interval(values, CLIPS)
-    return MethodScores(name, {"psnr": score}, marks, score.clips, by_truth)
+    return Row(name, {"psnr": score}, marks, score.clips, by_truth)
 
 
-def bold(*rows: MethodScores) -> set[str]:
+def bold(*rows: Row) -> set[str]:
     return {name for name, _ in best(rows, [PSNR], CLIPS)}
 
 
@@ -91,7 +91,7 @@ def results(tmp_path: Path) -> Results:
 
 def test_differences_are_paired_and_marked_when_they_are_certain(results: Results) -> None:
     table = tables.against(results, "base")
-    by_name = {one.label: one for one in table.methods}
+    by_name = {one.label: one for one in table.rows}
     good, same = by_name["good"].scores["psnr"], by_name["same"].scores["psnr"]
     assert good.mean == pytest.approx(1 + OWN[3].mean())
     assert 0.9 < good.low < good.high < 1.1
@@ -110,16 +110,14 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
 def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> None:
     # On its own easy clips `short` has far more than the base has on all; clip by clip it has half
     # a decibel.
-    short = next(one for one in tables.against(results, "base").methods if one.label == "short")
+    short = next(one for one in tables.against(results, "base").rows if one.label == "short")
     assert short.num_clips == 15
     assert short.scores["psnr"].mean == pytest.approx(0.5)
     assert row_of(lines(results), "short")[1].startswith("15")
 
 
 def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:
-    base = next(one for one in tables.build(results)[0].methods if one.label == "base").scores[
-        "psnr"
-    ]
+    base = next(one for one in tables.build(results)[0].rows if one.label == "base").scores["psnr"]
     text = formats.markdown(tables.build(results)[0]).splitlines()
     assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
     assert any("block bootstrap" in line for line in text)

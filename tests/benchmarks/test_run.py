@@ -276,7 +276,7 @@ class TestFailures:
         said, strict = (
             tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True)
         )
-        assert (said.methods[0].num_clips, strict.methods[0].num_clips) == (5, 3)
+        assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
         words = (
             "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame "
             "(--strict leaves them out)"

@@ -49,17 +49,17 @@ def test_rows_and_columns_stand_in_the_order_asked_for(results: Results) -> None
     (table,) = tables.build(selected, metrics=("coverage", "psnr"))
     text = formats.markdown(table).splitlines()
     assert row_of(text, "method") == ["method", "clips", "coverage", "PSNR (dB) ↑"]
-    assert [row.label for row in table.methods] == ["plain", "oracle"]
+    assert [row.label for row in table.rows] == ["plain", "oracle"]
 
 
 def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
-    assert len(tables.build(results.select(ODD))[0].methods) == 2
+    assert len(tables.build(results.select(ODD))[0].rows) == 2
 
 
 def test_differences_of_chosen_rows(results: Results) -> None:
     table = tables.against(results.select("plain"), "oracle", metrics=("psnr",))
-    assert [row.label for row in table.methods] == ["plain"]
-    assert table.methods[0].scores["psnr"].mean == -10.0
+    assert [row.label for row in table.rows] == ["plain"]
+    assert table.rows[0].scores["psnr"].mean == -10.0
     with pytest.raises(BadData, match="no method is called 'orcle'"):
         tables.against(results.select("plain"), "orcle")
 
@@ -68,7 +68,7 @@ def test_errors_are_not_tested_against_a_method_without_any(results: Results) ->
     clips = results.protocol()["clips"]
     write(results, "oracle", {(clip, 0, "translation-error"): 0.0 for clip in clips})
     table = tables.against(results, "oracle")
-    interval = table.methods[0].scores["translation-error"]
+    interval = table.rows[0].scores["translation-error"]
     assert (interval.low, interval.high > 0) == (0.0, True)
     assert not table.marked
     assert table.notes[-1].startswith("oracle has no translation error")

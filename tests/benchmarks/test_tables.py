@@ -157,7 +157,7 @@ def sampled(tmp_path: Path) -> Results:
 
 
 def test_samples_give_a_mean_and_a_best(sampled: Results) -> None:
-    chosen = [row.is_oracle_selected for row in tables.build(sampled)[0].methods]
+    chosen = [row.is_oracle_selected for row in tables.build(sampled)[0].rows]
     assert chosen == [False, True, False]
     text = lines(sampled)
     assert row_of(text, "chance, mean of 3")[2:] == ["11.33 ± 0.00", "unavailable", "2.667 ± 0.000"]
@@ -172,7 +172,7 @@ def test_steps_have_a_column_each(results: Results, tmp_path: Path, refused: Say
     lines = [("x", 0, step, "psnr", 10.0 * step) for step in (1, 2, 3)]
     write_row(results, "still", lines)
     (table,) = tables.build(results.select("still"), metrics=["psnr"], steps=[1, 3])
-    (method,) = table.methods
+    (method,) = table.rows
     assert [column.heading for column in table.columns] == [
         "PSNR, step 1 (dB) ↑",
         "PSNR, step 3 (dB) ↑",

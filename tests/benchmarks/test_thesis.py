@@ -103,7 +103,7 @@ def test_published_numbers_stand_apart_with_their_source(results: Results) -> No
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])
 def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) -> None:
     own = schema.read(Path(name))
-    samples = {(own.predictors[str(plan.predictor)].name, plan.num_samples) for plan in own.methods}
+    samples = {(own.predictors[method.name].name, method.num_samples) for method in own.methods}
     assert {
         (name, count) for name in ("svg-tiny", "srvp-tiny", "slamp-tiny") for count in (1, 100)
     } <= samples
@@ -138,7 +138,7 @@ def test_the_best_of_several_samples_does_not_compete_with_single_predictions(
         ]
         write_row(results, name, lines, num_samples=samples)
     ours = published.build(results, "thesis")[0]
-    rows = {method.label: method for method in ours.methods}
+    rows = {method.label: method for method in ours.rows}
     assert rows["SVG - 4 Samples"].is_oracle_selected
     assert not rows["SVG - 1 Sample"].is_oracle_selected
     bold = {row[0] for row in rows_of(formats.markdown(ours))[2:] if "**" in row[2]}

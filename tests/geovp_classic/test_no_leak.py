@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.audit.contracts import Trial, has_context
+from geovp_benchmarks.checks.contracts import Trial, has_context
 from geovp_classic import registry
 from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3

@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.audit import contracts
+from geovp_benchmarks.checks import contracts
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running import task
 from geovp_classic import registry

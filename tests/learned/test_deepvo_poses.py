@@ -7,7 +7,7 @@ import numpy as np
 import street
 import torch
 
-from geovp_benchmarks.audit.contracts import check
+from geovp_benchmarks.checks.contracts import check
 from geovp_classic import registry
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints

@@ -38,12 +38,12 @@ def run(args: argparse.Namespace) -> Lines:
 
 def tables(args: argparse.Namespace) -> list[Table]:
     """Return a table per metric."""
-    from geovp_benchmarks.evaluation import error_budget
+    from geovp_benchmarks.error_budget import changes
     from geovp_benchmarks.matrix import schema
     from geovp_classic.types import PrivilegedInput
 
     matrix = schema.read(args.matrix, args.set).override(root=args.root)
     needs = PrivilegedInput.RIGHT_FRAMES if args.stereo else PrivilegedInput.NONE
-    method = error_budget.read_method(matrix, args.method, args.limit, needs)
-    measure = error_budget.pose_sensitivity if args.sensitivity else error_budget.error_budget
+    method = changes.read_method(matrix, args.method, args.limit, needs)
+    measure = changes.pose_sensitivity if args.sensitivity else changes.error_budget
     return measure(method)

@@ -19,7 +19,7 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the tests that pass and those that fail."""
-    from geovp_benchmarks.audit import contracts
+    from geovp_benchmarks.checks import contracts
     from geovp_classic import registry
 
     component = registry.build(args.role, args.component)

@@ -32,7 +32,7 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
-    from geovp_benchmarks.audit import completeness
+    from geovp_benchmarks.checks import completeness
     from geovp_benchmarks.tables.formats import grid
     from geovp_classic.data.doctor import Doctor
     from geovp_classic.data.layouts import detection

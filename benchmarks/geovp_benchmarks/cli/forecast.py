@@ -30,8 +30,8 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Print a table of forecasters."""
-    from geovp_benchmarks.evaluation import forecasting
     from geovp_benchmarks.tables.formats import grid
+    from geovp_benchmarks.trajectories import forecasting
     from geovp_classic import registry
 
     forecasters = {

@@ -39,8 +39,8 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Print errors of whole sequences and write their poses, or print median errors of clips."""
-    from geovp_benchmarks.evaluation.odometry import error_table, track_clips, track_sequences
     from geovp_benchmarks.tables.formats import grid
+    from geovp_benchmarks.trajectories.odometry import error_table, track_clips, track_sequences
     from geovp_classic.data.formats import pose_files
     from geovp_classic.data.layouts import detection
 

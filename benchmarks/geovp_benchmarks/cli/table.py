@@ -39,8 +39,8 @@ def run(args: argparse.Namespace) -> Lines:
     # starting threads and looking for plug-ins take a tenth of the time of a table
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
-    from geovp_benchmarks.analysis import strata
     from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.statistics import strata
     from geovp_benchmarks.tables import formats, tables
 
     results = Results(args.folder).select(*args.methods)

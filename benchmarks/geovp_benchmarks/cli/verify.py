@@ -28,7 +28,7 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> LinesAndCode:
     """Print a line per pair; return 0 if all metrics of all pairs are reproduced."""
-    from geovp_benchmarks.audit import verification
+    from geovp_benchmarks.checks import verification
     from geovp_benchmarks.results.store import Results
 
     results = Results(args.folder)

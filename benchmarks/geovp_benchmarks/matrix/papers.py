@@ -18,7 +18,7 @@ from geovp_classic.errors import UnknownComponent
 from geovp_classic.registry import nearest
 
 
-class Row(BaseModel):
+class PublishedRow(BaseModel):
     """A published row; `method` is the label of the method that reproduces it."""
 
     model_config = ConfigDict(frozen=True, extra="allow")  # lists of numbers by metric
@@ -42,7 +42,7 @@ class Published(BaseModel):
     source: str
     about: str
     decimals: int
-    row: tuple[Row, ...]
+    row: tuple[PublishedRow, ...]
 
 
 class Paper(BaseModel):

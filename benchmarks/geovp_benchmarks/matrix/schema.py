@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -19,6 +18,7 @@ from geovp_benchmarks.matrix.values import (
     Spec,
     Specs,
 )
+from geovp_benchmarks.results.records import Method
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED
 from geovp_benchmarks.validation import validated
 from geovp_classic import registry
@@ -38,17 +38,12 @@ class Component(Table):
     model_config = ConfigDict(extra="allow")  # the fields
 
     name: str
+    num_samples: Count | None = None  # None: as many as the protocol says
 
     @property
     def spec(self) -> Spec:
         """Return the component as `registry.build` takes it."""
         return {"name": self.name, **(self.model_extra or {})}
-
-
-class Entry(Component):
-    """A component that predicts, and the number of samples that it is asked for."""
-
-    num_samples: Count | None = None  # None: as many as the protocol says
 
 
 def _check_dataset(spec: Spec) -> Spec:
@@ -82,9 +77,9 @@ class MetricsTable(Table):
 class ComponentTables(Table):
     """The tables of the components that predict."""
 
-    pose_sources: dict[FolderName, Annotated[Entry, IsNamed]] = {}
-    renderers: dict[FolderName, Annotated[Component, IsNamed]] = {}
-    predictors: dict[FolderName, Annotated[Entry, IsNamed]] = {}
+    pose_sources: dict[FolderName, Annotated[Component, IsNamed]] = {}
+    renderers: dict[FolderName, Spec] = {}
+    predictors: dict[FolderName, Annotated[Component, IsNamed]] = {}
 
 
 class MatrixFile(ComponentTables):
@@ -92,41 +87,6 @@ class MatrixFile(ComponentTables):
 
     protocol: ProtocolTable
     metrics: MetricsTable = MetricsTable()
-
-
-@dataclass(frozen=True)
-class MethodPlan:
-    """One method to compute: a pose source with a renderer, or a predictor, by name."""
-
-    num_samples: int
-    pose_source: str | None = None
-    renderer: str | None = None
-    predictor: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Return the name of its folder."""
-        return self.predictor or f"{self.pose_source}--{self.renderer}"
-
-    @property
-    def label(self) -> str:
-        """Return the name in tables and figures."""
-        return self.predictor or f"{self.pose_source} + {self.renderer}"
-
-    @property
-    def kind(self) -> str:
-        """Return "geometric" or "predictor"."""
-        return "geometric" if self.predictor is None else "predictor"
-
-    @property
-    def components(self) -> dict[str, tuple[str, str]]:
-        """Return the role in the registry and the name in the matrix file of each component."""
-        names = {
-            "pose_source": self.pose_source,
-            "renderer": self.renderer,
-            "predictor": self.predictor,
-        }
-        return {role: (f"{role}s", name) for role, name in names.items() if name}
 
 
 class Matrix(ProtocolTable, ComponentTables):
@@ -140,24 +100,23 @@ class Matrix(ProtocolTable, ComponentTables):
     max_samples: int | None = None  # of each method
 
     @property
-    def methods(self) -> tuple[MethodPlan, ...]:
+    def methods(self) -> tuple[Method, ...]:
         """Return the selected methods.
 
         All are the pose sources with each renderer, then the predictors, in the file's order.
         """
         geometric = [
-            MethodPlan(self._num_samples(entry), source, renderer)
+            Method.of(self._num_samples(entry), source, renderer)
             for source, entry in self.pose_sources.items()
             for renderer in self.renderers
         ]
         predictors = (
-            MethodPlan(self._num_samples(entry), predictor=name)
-            for name, entry in self.predictors.items()
+            Method.of(self._num_samples(entry), name) for name, entry in self.predictors.items()
         )
         methods = {method.label: method for method in (*geometric, *predictors)}
         return tuple(methods[label] for label in self.selected or methods)
 
-    def _num_samples(self, entry: Entry) -> int:
+    def _num_samples(self, entry: Component) -> int:
         """Return the number of samples that an entry is asked for."""
         num_samples = entry.num_samples or self.num_samples
         return min(num_samples, self.max_samples or num_samples)
@@ -175,14 +134,18 @@ class Matrix(ProtocolTable, ComponentTables):
         """Return a method as a predictor; UnknownComponent names the nearest label."""
         selected = self.select(label)
         (method,) = selected.methods
-        specs = {role: selected.specs[key] for role, key in method.components.items()}
+        specs = {role: selected.specs[key] for role, key in method.entries.items()}
         return specs.get("predictor") or {"name": "geometric", **specs}
 
     @property
     def specs(self) -> dict[tuple[str, str], Spec]:
         """Return the components of the methods by role and name."""
-        keys = [key for method in self.methods for key in method.components.values()]
-        return {(role, name): getattr(self, role)[name].spec for role, name in keys}
+        keys = [key for method in self.methods for key in method.entries.values()]
+        entries = {(role, name): getattr(self, role)[name] for role, name in keys}
+        return {
+            key: entry.spec if isinstance(entry, Component) else entry
+            for key, entry in entries.items()
+        }
 
     def override(self, **settings: Any) -> Self:
         """Return the matrix with settings in place of those of its file, without None."""

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from geovp.drawing.page import Page
 from geovp.progress import tracked
-from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots import clips, horizon
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics import strata
 from geovp_benchmarks.tables.table_model import selected_columns
 
 __all__ = ["Options", "write_all"]

@@ -10,8 +10,6 @@ from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 
 from geovp.drawing.page import SHEET, Page
-from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options, line_styles
 from geovp_benchmarks.results import stored_facts
@@ -19,6 +17,8 @@ from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import facts_of
+from geovp_benchmarks.statistics.intervals import Intervals
+from geovp_benchmarks.statistics.samples import best_of_samples, mean_of_samples, reductions
 from geovp_classic.types import FloatArray
 
 
@@ -132,7 +132,7 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     reference: FloatArray | float = 0.0
     if against:
         (method,) = material.results.select(against).methods()
-        reference = statistics.mean_of_samples(material.values(method, metric))[:, None]
+        reference = mean_of_samples(material.values(method, metric))[:, None]
         bounds = UNBOUNDED
     curves = []
     styles = line_styles(list(methods))
@@ -141,8 +141,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method.label == against or num_steps < min(2, samples.shape[2]):
             continue
-        for suffix, reduce in statistics.reductions(method.num_samples).items():
-            if reduce is statistics.best_of_samples and higher is None:
+        for suffix, reduce in reductions(method.num_samples).items():
+            if reduce is best_of_samples and higher is None:
                 continue
             values = reduce(samples, higher)
             label = (source if is_of_poses else method.label) + suffix

@@ -8,11 +8,11 @@ from pathlib import Path
 import jinja2
 
 from geovp_benchmarks import plots
-from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics import strata
 from geovp_benchmarks.tables import tables
 from geovp_classic.atomic import write_bytes
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.plots.material import uses_ground_truth
 from geovp_benchmarks.results.stored_facts import facts_of
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
+from geovp_benchmarks.statistics.score import Score
+from geovp_benchmarks.tables.table_model import Column, Row, Table
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Findings:
 
     column: Column
     unit: str
-    fair: MethodScores | None  # the best without ground truth, other than the baseline
-    privileged: MethodScores | None  # the best with ground truth, other than the baseline
-    judge: MethodScores | None  # the first of these
+    fair: Row | None  # the best without ground truth, other than the baseline
+    privileged: Row | None  # the best with ground truth, other than the baseline
+    judge: Row | None  # the first of these
     gain: Score | None  # of the judge over the baseline
     is_significant: bool  # as in the table of differences from the baseline
     clip_scores: Mapping[str, float]  # of the judge
@@ -41,11 +41,11 @@ def find(
     key, clips = column.key, protocol["clips"]
     ranked = [
         method
-        for method in table.methods
+        for method in table.rows
         if key in method.scores and method.num_clips == len(clips) and not method.is_oracle_selected
     ]
     ranked.sort(key=lambda method: method.scores[key].mean, reverse=bool(column.higher_is_better))
-    best: dict[bool, MethodScores] = {}
+    best: dict[bool, Row] = {}
     gain = None
     clip_scores: dict[str, float] = {}
     for method in ranked:
@@ -56,7 +56,7 @@ def find(
     if judge:
         values = judge.scores[key].values
         clip_scores = dict(zip(clips, values.tolist(), strict=True))
-        for method in differences.methods if differences else ():
+        for method in differences.rows if differences else ():
             if method.label == judge.label:
                 gain = method.scores.get(key)
     unit = facts_of(key, protocol)["unit"]

@@ -1,7 +1,7 @@
 """Records of results in JSON: protocol.json and method.json."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, InstanceOf
 from typing_extensions import TypedDict
@@ -39,7 +39,7 @@ class Protocol(TypedDict):
 
 
 class Method(BaseModel):
-    """One line of a table: a pose source with a renderer, or a whole predictor."""
+    """A pose source with a renderer, or a whole predictor, before and after it was scored."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
@@ -62,6 +62,30 @@ class Method(BaseModel):
 
     # how the clips that have scores were scored; not stored here
     scored: InstanceOf[NewestRecords] = Field(NewestRecords(), exclude=True)
+
+    @classmethod
+    def of(cls, num_samples: int, source: str, renderer: str | None = None) -> Self:
+        """Return a method of a matrix file: a predictor, or a pose source with a renderer."""
+        if renderer is None:
+            return cls(name=source, label=source, kind="predictor", num_samples=num_samples)
+        return cls(
+            name=f"{source}--{renderer}",
+            label=f"{source} + {renderer}",
+            kind="geometric",
+            num_samples=num_samples,
+            pose_source=source,
+            renderer=renderer,
+        )
+
+    @property
+    def entries(self) -> dict[str, tuple[str, str]]:
+        """Return the role in the registry and the name in the matrix file of each component."""
+        if self.pose_source is None or self.renderer is None:
+            return {"predictor": ("predictors", self.name)}
+        return {
+            "pose_source": ("pose_sources", self.pose_source),
+            "renderer": ("renderers", self.renderer),
+        }
 
     @property
     def num_clips(self) -> int:

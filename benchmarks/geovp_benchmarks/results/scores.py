@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from geovp_classic.types import FloatArray
 
-Row = tuple[str, int, int, str, float]  # clip, sample, step from 1, metric, value
+ScoreRow = tuple[str, int, int, str, float]  # clip, sample, step from 1, metric, value
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Scores:
     clips: Sequence[str]
     values: Mapping[str, FloatArray]  # by metric, [N, S, F]; NaN: not defined, or not stored
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[ScoreRow]:
         """Yield all values by clip, metric, sample and step."""
         for number, clip in enumerate(self.clips):
             for metric, values in self.values.items():

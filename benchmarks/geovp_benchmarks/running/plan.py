@@ -10,7 +10,7 @@ import numpy as np
 from geovp.provenance import versions
 from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.components import weights_of
-from geovp_benchmarks.matrix.schema import Matrix, MethodPlan
+from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.provenance import PATHS, content_hash, protocol_id
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.task import BuiltMatrix, Task, build_matrix, code_of
@@ -123,29 +123,29 @@ class Plan:
         """Return the records of the methods before the first clip."""
         return [self._record(method) for method in self.matrix.methods]
 
-    def _record(self, plan: MethodPlan) -> Method:
+    def _record(self, method: Method) -> Method:
         """Return the record of a method; without a fingerprint if it cannot be built here."""
         built, specs = self.built, self.matrix.specs
-        predictor, fingerprint = built.predictors[plan.name], self.protocol["fingerprint"]
-        asked: dict[str, Any] = {role: specs[key] for role, key in plan.components.items()}
-        asked |= {"num_samples": plan.num_samples, "protocol": fingerprint}
+        predictor, fingerprint = built.predictors[method.name], self.protocol["fingerprint"]
+        asked: dict[str, Any] = {role: specs[key] for role, key in method.entries.items()}
+        asked |= {"num_samples": method.num_samples, "protocol": fingerprint}
         facts: dict[str, Any] = {"asked": asked, "components": {}}
         if isinstance(predictor, Failure):
             facts |= predictor._asdict()
         else:
             components = {
                 role: registry.describe(built.components[key])
-                for role, key in plan.components.items()
+                for role, key in method.entries.items()
             }
             needs = [str(each.name) for each in PrivilegedInput if each in predictor.needs]
             facts |= {
                 "components": components,
                 "privileged_inputs": needs,
-                "fingerprint": content_hash([fingerprint, components, plan.num_samples]),
+                "fingerprint": content_hash([fingerprint, components, method.num_samples]),
                 "about": weights_of([predictor]),
                 "code": code_of(predictor),
             }
-        return Method.model_validate(plan, from_attributes=True).model_copy(update=facts)
+        return method.model_copy(update=facts)
 
     def missing(self, method: Method) -> Set[str]:
         """Return the clips that failed, or that lack scores or a prediction to be kept."""

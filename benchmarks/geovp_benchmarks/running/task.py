@@ -78,7 +78,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     predictors: dict[str, Any] = {}
     needs = PrivilegedInput.NONE
     for method in matrix.methods:
-        parts = {role: components[key] for role, key in method.components.items()}
+        parts = {role: components[key] for role, key in method.entries.items()}
         failures = [each for each in parts.values() if isinstance(each, Failure)]
         if failures:
             predictors[method.name] = failures[0]

@@ -4,9 +4,9 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from geovp_benchmarks.analysis.drives import Intervals
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import title
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.tables.tables import method_scores
 from geovp_classic.errors import BadData
 

@@ -10,8 +10,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.tables.table_model import Table
 from geovp_benchmarks.tables.templates import template
 from geovp_classic.atomic import write_bytes
@@ -31,10 +31,10 @@ def markdown(table: Table, width: int | None = None) -> str:
     On a terminal of so many columns, metrics that do not fit stand in blocks below.
     """
     lines = [["method", "clips", *(column.heading for column in table.columns)]]
-    for method in table.methods:
-        label = f"{method.label} [{method.marks}]" if method.marks else method.label
-        texts = ("".join(table.texts(method, column, "**{}**")) for column in table.columns)
-        lines.append([label, table.clips(method), *texts])
+    for row in table.rows:
+        label = f"{row.label} [{row.marks}]" if row.marks else row.label
+        texts = ("".join(table.texts(row, column, "**{}**")) for column in table.columns)
+        lines.append([label, table.clips(row), *texts])
     notes = [f"- {note}" for note in table.notes]
     if width is not None:
         notes = [textwrap.fill(note, width, subsequent_indent="  ") for note in notes]
@@ -101,15 +101,15 @@ def escape(text: str) -> str:
 def comma_separated(table: Table) -> str:
     """Return unrounded numbers as CSV; nothing for those that are not known."""
     records = []
-    for method in table.methods:
+    for row in table.rows:
         record: dict[str, Any] = {
-            "method": method.label,
-            "privileged_inputs": method.marks,
-            "clips": method.num_clips,
-            "protocol": method.protocol,
+            "method": row.label,
+            "privileged_inputs": row.marks,
+            "clips": row.num_clips,
+            "protocol": row.protocol,
         }
         for column in table.columns:
-            score = method.scores.get(column.key) or Score(math.nan)
+            score = row.scores.get(column.key) or Score(math.nan)
             record |= {
                 f"{column.key}_{name}".removesuffix("_mean"): "" if math.isnan(number) else number
                 for name, number in vars(score).items()

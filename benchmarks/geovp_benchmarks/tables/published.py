@@ -8,11 +8,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from geovp_benchmarks.analysis.intervals import Score
 from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
-from geovp_benchmarks.tables.table_model import MethodScores, Table
+from geovp_benchmarks.statistics.score import Score
+from geovp_benchmarks.tables.table_model import Row, Table
 from geovp_benchmarks.tables.tables import explained, method_scores, table_of
 
 
@@ -45,8 +45,8 @@ def build(results: Results, name: str) -> list[Table]:
 
 
 def _measured(
-    results: Results, rows: Sequence[papers.Row], horizons: Sequence[int]
-) -> list[MethodScores]:
+    results: Results, rows: Sequence[papers.PublishedRow], horizons: Sequence[int]
+) -> list[Row]:
     """Return the methods that stand for published rows, in their order, then all others.
 
     Of several samples the best counts for each metric, as in the papers.
@@ -63,7 +63,7 @@ def _measured(
     return measured
 
 
-def _published(row: papers.Row, suffixes: Sequence[str]) -> MethodScores:
+def _published(row: papers.PublishedRow, suffixes: Sequence[str]) -> Row:
     """Return a published row."""
     scores = {}
     for metric, by_horizon in row.numbers.items():
@@ -71,4 +71,4 @@ def _published(row: papers.Row, suffixes: Sequence[str]) -> MethodScores:
             mean, error = [*numbers, math.nan][:2]
             scores[metric + suffix] = Score(mean, standard_error=error)
     marks = (MARKS[name][0] for name in row.privileged_inputs)
-    return MethodScores(row.name, scores, "".join(marks))
+    return Row(row.name, scores, "".join(marks))

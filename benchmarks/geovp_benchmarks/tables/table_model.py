@@ -1,12 +1,12 @@
-"""The model of a table: methods, columns, and the mean of each method in each column."""
+"""The model of a table: rows, columns, and the mean of each row in each column."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.analysis.drives import Intervals, holm
-from geovp_benchmarks.analysis.intervals import Score
+from geovp_benchmarks.statistics.intervals import Intervals, holm
+from geovp_benchmarks.statistics.score import Score
 from geovp_classic.errors import BadData, nearest
 
 
@@ -22,8 +22,8 @@ class Column:
 
 
 @dataclass(frozen=True)
-class MethodScores:
-    """The scores of a method, or of its best samples."""
+class Row:
+    """The scores of a method or of its best samples, or of a stage of an error budget."""
 
     label: str
     scores: Mapping[str, Score]  # by column, where there is a value
@@ -35,43 +35,43 @@ class MethodScores:
 
 @dataclass(frozen=True)
 class Table:
-    """Methods and columns with the notes that explain them."""
+    """Rows and columns with the notes that explain them."""
 
     name: str  # of the files
     title: str
     columns: Sequence[Column]
-    methods: Sequence[MethodScores]
+    rows: Sequence[Row]
     notes: Sequence[str] = ()
-    marked: Collection[tuple[str, str]] = ()  # (method, column) in bold; differences with a star
+    marked: Collection[tuple[str, str]] = ()  # (row, column) in bold; differences with a star
     spread: str = "interval"  # or "standard-error"
     has_differences: bool = False  # of another method
 
     @property
     def is_over_drives(self) -> bool:
         """Return whether intervals treat each drive as one observation."""
-        return any(s.is_over_drives for method in self.methods for s in method.scores.values())
+        return any(s.is_over_drives for row in self.rows for s in row.scores.values())
 
-    def clips(self, method: MethodScores) -> str:
+    def clips(self, row: Row) -> str:
         """Return the number of clips, and the effective one in the first column if smaller."""
-        score = method.scores.get(self.columns[0].key) if self.columns else None
-        if score is None or score.effective_clips >= method.num_clips - 0.5:
-            return str(method.num_clips or "-")
-        return f"{method.num_clips} ({score.effective_clips:.0f})"
+        score = row.scores.get(self.columns[0].key) if self.columns else None
+        if score is None or score.effective_clips >= row.num_clips - 0.5:
+            return str(row.num_clips or "-")
+        return f"{row.num_clips} ({score.effective_clips:.0f})"
 
-    def texts(self, method: MethodScores, column: Column, bold: str = "{}") -> tuple[str, str]:
+    def texts(self, row: Row, column: Column, bold: str = "{}") -> tuple[str, str]:
         """Return the mean, and the interval or standard error with a differing number of clips."""
-        score, digits = method.scores.get(column.key), column.decimals
+        score, digits = row.scores.get(column.key), column.decimals
         if score is None or np.isnan(score.mean):
             return column.missing, ""
         mean = f"{score.mean:{'+' if self.has_differences else ''}.{digits}f}"
-        if (method.label, column.key) in self.marked:
+        if (row.label, column.key) in self.marked:
             mean = ("{}*" if self.has_differences else bold).format(mean)
         error = ""
         if self.spread == "interval" and np.isfinite(score.low):
             error = f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
         if self.spread == "standard-error" and np.isfinite(score.standard_error):
             error = f" ± {score.standard_error:.{digits}f}"
-        return mean, error if score.clips == method.num_clips else f"{error} (n={score.clips})"
+        return mean, error if score.clips == row.num_clips else f"{error} (n={score.clips})"
 
 
 def selected_columns(names: Sequence[str], columns: Sequence[str]) -> Sequence[str]:
@@ -83,26 +83,26 @@ def selected_columns(names: Sequence[str], columns: Sequence[str]) -> Sequence[s
 
 
 def best(
-    methods: Sequence[MethodScores], columns: Sequence[Column], clips: Sequence[str]
+    rows: Sequence[Row], columns: Sequence[Column], clips: Sequence[str]
 ) -> set[tuple[str, str]]:
-    """Return (method, column) where no method with the same or fewer inputs is better.
+    """Return (row, column) where no method with the same or fewer inputs is better.
 
     A method without such a rival is not in bold, nor is one where there are too few clips to tell.
     """
     bold = set()
     for column in columns:
         key, sign = column.key, 1.0 if column.higher_is_better else -1.0
-        scored = [m for m in methods if len(clips) == m.num_clips and key in m.scores]
-        for method in scored if column.higher_is_better is not None else ():
+        scored = [row for row in rows if len(clips) == row.num_clips and key in row.scores]
+        for row in scored if column.higher_is_better is not None else ():
             rivals = [
                 rival.scores[key]
                 for rival in scored
-                if rival is not method
-                and set(rival.marks) <= set(method.marks)
-                and rival.is_oracle_selected == method.is_oracle_selected
+                if rival is not row
+                and set(rival.marks) <= set(row.marks)
+                and rival.is_oracle_selected == row.is_oracle_selected
             ]
-            if rivals and not _is_beaten(method.scores[key], rivals, sign, clips):
-                bold.add((method.label, key))
+            if rivals and not _is_beaten(row.scores[key], rivals, sign, clips):
+                bold.add((row.label, key))
     return bold
 
 

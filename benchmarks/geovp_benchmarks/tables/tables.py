@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.analysis import statistics, strata
-from geovp_benchmarks.analysis.drives import Intervals, holm
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
+from geovp_benchmarks.statistics import strata
+from geovp_benchmarks.statistics.intervals import Intervals, holm
+from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
 from geovp_benchmarks.tables.formats import grid
 from geovp_benchmarks.tables.table_model import (
     Column,
-    MethodScores,
+    Row,
     Table,
     best,
     selected_columns,
@@ -50,14 +51,14 @@ def against(
     A method with samples is compared by its mean over them. Stars mark what `holm` finds.
     """
     main, protocol = _main_table(results, metrics, strict), results.protocol()
-    reference = _main_table(results.select(name), (), strict).methods[0]
+    reference = _main_table(results.select(name), (), strict).rows[0]
     columns = [column for column in main.columns if column.key in reference.scores]
     exact = [
         column.key
         for column in columns
         if column.higher_is_better is False and reference.scores[column.key].is_exact
     ]
-    others = [m for m in main.methods if m.label != reference.label and m.scores]
+    others = [m for m in main.rows if m.label != reference.label and m.scores]
     methods = []
     for method in others:
         differences = {}
@@ -85,7 +86,7 @@ def against(
     return explained(table, results, notes)
 
 
-def significant(methods: Sequence[MethodScores], key: str) -> list[str]:
+def significant(methods: Sequence[Row], key: str) -> list[str]:
     """Return the labels of methods whose difference in a column is significant."""
     tested = [method for method in methods if key in method.scores]
     marks = holm([method.scores[key] for method in tested])
@@ -126,7 +127,7 @@ def method_scores(
     strict: bool = False,
     horizons: Sequence[int] = (),
     steps: Sequence[int] = (),
-) -> list[MethodScores]:
+) -> list[Row]:
     """Return the scores of a method; of one with several samples, also those of the best sample.
 
     `strict` leaves out clips that the method could not predict. For each of the horizons there is a
@@ -144,7 +145,7 @@ def method_scores(
     failed = np.isin(clips, [*method.scored.failures]) & strict
     columns = {key: np.where(failed[:, None], np.nan, values) for key, values in columns.items()}
     lines = []
-    for suffix, reduce in statistics.reductions(method.num_samples).items():
+    for suffix, reduce in reductions(method.num_samples).items():
         scores = {}
         for key, values in columns.items():
             facts = stored_facts.facts_of(key, protocol)
@@ -153,12 +154,12 @@ def method_scores(
                 bounds = stored_facts.bounds(facts)
                 scores[key] = Intervals().interval(by_clip, clips, bounds)
         lines.append(
-            MethodScores(
+            Row(
                 method.label + suffix,
                 scores,
                 stored_facts.marks(method),
                 method.num_clips - int(failed.sum()),
-                reduce is not statistics.mean_of_samples,
+                reduce is not mean_of_samples,
                 protocol["id"],
             )
         )
@@ -203,7 +204,7 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
 
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
     """Return a table over sets of pixels for each metric that has such scores."""
-    keys, tables = _keys(main.methods), []
+    keys, tables = _keys(main.rows), []
     for name in (column.key for column in main.columns):
         pixels = [key for key in keys if key.startswith(f"{name}@")]
         if pixels:
@@ -212,11 +213,11 @@ def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:
             if COVERAGE in keys:
                 headings[COVERAGE] = stored_facts.title(COVERAGE)
             heading = f"{stored_facts.title(name)} over sets of pixels"
-            tables.append(table_of(f"pixels-{name}", heading, headings, main.methods, protocol))
+            tables.append(table_of(f"pixels-{name}", heading, headings, main.rows, protocol))
     return tables
 
 
-def _keys(methods: Sequence[MethodScores]) -> list[str]:
+def _keys(methods: Sequence[Row]) -> list[str]:
     """Return all columns that have scores."""
     return list(dict.fromkeys(key for method in methods for key in method.scores))
 
@@ -225,7 +226,7 @@ def table_of(
     name: str,
     heading: str,
     headings: Mapping[str, str],  # by column
-    methods: Sequence[MethodScores],
+    methods: Sequence[Row],
     protocol: Mapping[str, Any],
     decimals: int | None = None,  # None: as many as the means of each column need
 ) -> Table:
@@ -257,7 +258,7 @@ def explained(
         notes=notes,
         strict=strict,
         metrics={stored_facts.metric_of(column.key) for column in table.columns},
-        clips="".join(map(table.clips, table.methods)),
+        clips="".join(map(table.clips, table.rows)),
         stored_facts=stored_facts,
         weights_notes=weights_notes,
     )

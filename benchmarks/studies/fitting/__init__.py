@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
     """Fit a model; yield its constants or its file."""
     import numpy as np
 
-    from geovp_benchmarks.evaluation import forecasting
+    from geovp_benchmarks.trajectories import forecasting
     from geovp_classic.forecasting.kalman import fitted
     from studies.fitting import body_motion, kalman, motion_prior
     from studies.fitting.windows import cut, joined

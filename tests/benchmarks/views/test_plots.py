@@ -13,9 +13,9 @@ from matplotlib.text import Text
 from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.plots import Options, horizon, style
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Motion, Trajectory
 from tests.benchmarks.conftest import Command

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from geovp_benchmarks.analysis import statistics
-from geovp_benchmarks.analysis.intervals import BlockBootstrap
 from geovp_benchmarks.results.scores import nanmean
+from geovp_benchmarks.statistics import samples
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_classic.types import FloatArray
 from tests.benchmarks.made import scores
 
@@ -20,7 +20,7 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) =
     # 2.828; / sqrt(2) = 2
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
-    by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
+    by_clip = nanmean(samples.mean_of_samples(table), axis=1)
     assert by_clip.tolist() == [2.0, 6.0]
     assert BlockBootstrap().interval(by_clip, "ab").standard_error == pytest.approx(2.0)
 
@@ -35,7 +35,7 @@ def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> Non
             ("c", 0, 1): 3.0,
         }
     )
-    by_clip = nanmean(statistics.mean_of_samples(table), axis=1)
+    by_clip = nanmean(samples.mean_of_samples(table), axis=1)
     np.testing.assert_array_equal(by_clip, [1.0, NAN, 3.0])
     # s = sqrt(((1-2)^2 + (3-2)^2) / 1) = 1.414; / sqrt(2) = 1
     assert BlockBootstrap().interval(by_clip, "abc").standard_error == pytest.approx(1.0)
@@ -44,16 +44,16 @@ def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> Non
 def test_best_sample_is_one_sample_over_all_steps() -> None:
     # sample 0: 10, 2 (mean 6); sample 1: 5, 5 (mean 5). The best step of each would give 10, 5.
     table = rows({("a", 0, 1): 10.0, ("a", 0, 2): 2.0, ("a", 1, 1): 5.0, ("a", 1, 2): 5.0})
-    np.testing.assert_array_equal(statistics.best_of_samples(table, True), [[10.0, 2.0]])
-    np.testing.assert_array_equal(statistics.best_of_samples(table, False), [[5.0, 5.0]])
+    np.testing.assert_array_equal(samples.best_of_samples(table, True), [[10.0, 2.0]])
+    np.testing.assert_array_equal(samples.best_of_samples(table, False), [[5.0, 5.0]])
     np.testing.assert_array_equal(
-        statistics.best_of_samples(table, None), [[7.5, 3.5]]
+        samples.best_of_samples(table, None), [[7.5, 3.5]]
     )  # nothing is better
-    np.testing.assert_array_equal(statistics.mean_of_samples(table, True), [[7.5, 3.5]])
+    np.testing.assert_array_equal(samples.mean_of_samples(table, True), [[7.5, 3.5]])
 
 
 def test_each_metric_selects_its_sample() -> None:
     psnr = np.array([[[10.0], [12.0]], [[NAN], [NAN]]])
     lpips = np.array([[[0.1], [0.5]], [[0.3], [NAN]]])
-    np.testing.assert_array_equal(statistics.best_of_samples(psnr, True), [[12.0], [NAN]])
-    np.testing.assert_array_equal(statistics.best_of_samples(lpips, False), [[0.1], [0.3]])
+    np.testing.assert_array_equal(samples.best_of_samples(psnr, True), [[12.0], [NAN]])
+    np.testing.assert_array_equal(samples.best_of_samples(lpips, False), [[0.1], [0.3]])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.evaluation.oracles import (
+from geovp_benchmarks.error_budget.oracles import (
     POSE_STAGES,
     OracleClip,
     mixed_poses,

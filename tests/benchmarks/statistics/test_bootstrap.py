@@ -7,12 +7,9 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from geovp_benchmarks.analysis.intervals import (
-    BlockBootstrap,
-    Groups,
-    sequences_of,
-    student_quantile,
-)
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap, Groups
+from geovp_benchmarks.statistics.score import sequences_of
+from geovp_benchmarks.statistics.student import student_quantile
 from geovp_classic.types import FloatArray
 
 

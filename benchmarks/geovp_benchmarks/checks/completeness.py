@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from geovp_benchmarks.audit import kitti_archives
+from geovp_benchmarks.checks import kitti_archives
 from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables.formats import grid

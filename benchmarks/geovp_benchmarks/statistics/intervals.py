@@ -13,14 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.analysis.intervals import (
-    BlockBootstrap,
-    Score,
-    sequences_of,
-    student_p_value,
-    student_quantile,
-)
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.score import Score, sequences_of
+from geovp_benchmarks.statistics.student import student_p_value, student_quantile
 from geovp_classic.types import FloatArray
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from geovp_benchmarks.analysis.drives import Intervals, holm
-from geovp_benchmarks.analysis.intervals import BlockBootstrap, Score, student_p_value
 from geovp_benchmarks.report import findings
 from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.intervals import Intervals, holm
+from geovp_benchmarks.statistics.score import Score
+from geovp_benchmarks.statistics.student import student_p_value
 from geovp_benchmarks.tables import tables
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol
@@ -94,7 +96,7 @@ def test_table_and_report_agree_that_few_clips_are_not_tested(
         }
         write(results, name, values)
     differences = tables.against(results, "copy-last")
-    (method,) = differences.methods
+    (method,) = differences.rows
     assert method.scores["psnr"].low > 0.9
     assert differences.marked == set()
     assert "fewer than eight effective clips are not tested" in printed(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import plots
-from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
+from geovp_benchmarks.statistics import strata
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row

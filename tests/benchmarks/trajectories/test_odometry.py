@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import geovp
-from geovp_benchmarks.evaluation.odometry import TrackedPath
+from geovp_benchmarks.trajectories.odometry import TrackedPath
 from geovp_classic.data.formats import pose_files
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Intrinsics, Trajectory

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import street
 
-from geovp_benchmarks.audit.contracts import Finding, check
+from geovp_benchmarks.checks.contracts import Finding, check
 from geovp_classic import registry
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible, UnknownComponent

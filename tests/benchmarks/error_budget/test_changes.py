@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.evaluation.error_budget import Method, offsets, read_method
-from geovp_benchmarks.evaluation.oracles import OracleClip
+from geovp_benchmarks.error_budget.changes import MeasuredMethod, offsets, read_method
+from geovp_benchmarks.error_budget.oracles import OracleClip
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.errors import Incompatible
@@ -48,7 +48,7 @@ def rows_of(lines: list[str]) -> dict[str, list[str]]:
 
 
 @pytest.fixture
-def method() -> Method:
+def method() -> MeasuredMethod:
     """Return the method of the street with three clips and one metric."""
     dataset = {"name": "synthetic", "num_clips": 3}
     protocol = {**TABLES["protocol"], "dataset": dataset, "size_px": [32, 32]}
@@ -61,7 +61,7 @@ def method() -> Method:
 PAIRS = {"row": {"gain": ("wrong", "right")}}
 
 
-def test_impossible_variants_leave_out_the_clip(method: Method) -> None:
+def test_impossible_variants_leave_out_the_clip(method: MeasuredMethod) -> None:
     grey = np.full((1, 32, 32, 3), 100, np.uint8)
     calls = []
 
@@ -79,7 +79,7 @@ def test_impossible_variants_leave_out_the_clip(method: Method) -> None:
     assert "- no scale" in lines
 
 
-def test_a_method_that_is_impossible_on_all_clips_is_refused(method: Method) -> None:
+def test_a_method_that_is_impossible_on_all_clips_is_refused(method: MeasuredMethod) -> None:
     def predict(oracle: OracleClip, variant: str) -> tuple[ByteArray, ByteArray]:
         raise Incompatible("no scale")
 

@@ -17,50 +17,14 @@ import functools
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.statistics.score import Score, sequences_of
+from geovp_benchmarks.statistics.student import student_p_value, student_quantile
 from geovp_classic.types import FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class Score:
-    """The mean of a method over clips with its interval; NaN where too few clips have a value."""
-
-    mean: float
-    low: float = math.nan
-    high: float = math.nan
-    standard_error: float = math.nan  # as if clips were independent
-    clips: int = 0  # that have a value
-    effective_clips: float = 0.0
-    # [N] by clip, each a mean over steps; empty for a published score
-    values: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
-    p_value: float = math.nan  # of a mean of zero, two-sided
-    is_over_drives: bool = False  # whether each drive is one observation
-
-    @property
-    def is_exact(self) -> bool:
-        """Return whether an error is zero on all clips up to rounding, as that of true poses."""
-        return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
-
-    @property
-    def is_significant(self) -> bool:
-        """Return whether the mean differs from zero, p < .05; never with too few clips."""
-        return self.p_value < 0.05 and not self.has_few_clips
-
-    @property
-    def has_few_clips(self) -> bool:
-        """Return whether the effective clips are too few to rely on the interval."""
-        return self.effective_clips < 8
-
-
-@functools.lru_cache(maxsize=4)  # all scores of a table share them
-def sequences_of(clips: tuple[str, ...]) -> IntArray:
-    """Return the number [N] of the sequence of each clip: its name up to the last slash."""
-    names = [clip.rpartition("/")[0] for clip in clips]
-    return np.unique(names, return_inverse=True)[1]
 
 
 @dataclass(frozen=True)
@@ -239,33 +203,3 @@ def _draws(lengths: tuple[int, ...], block: int, num_resamples: int, seed: int) 
         counts = np.bincount((drawn % length + rows * length).ravel(), None, rows.size * length)
         columns.append(counts.reshape(num_resamples, length).astype(float))
     return np.concatenate(columns, axis=1)
-
-
-@functools.lru_cache(maxsize=1024)
-def student_quantile(degrees: float, fraction: float) -> float:
-    """Return the quantile of Student's t at a fraction above 1/2.
-
-    It is sqrt(degrees) tan(angle), where the density of the angle is cos(angle)^(degrees - 1).
-    Importing scipy.special would take longer than the rest of a table.
-    """
-    angles_rad, mass = _student(degrees)
-    angle_rad = np.interp(2 * fraction - 1, mass, angles_rad)
-    return float(np.sqrt(degrees) * np.tan(angle_rad))
-
-
-def student_p_value(mean: float, error: float, degrees: float) -> float:
-    """Return the two-sided p-value of Student's test that the mean is zero."""
-    if not error:
-        return 1.0 if not mean else 0.0
-    angles_rad, mass = _student(degrees)
-    angle_rad = math.atan(abs(mean) / error / math.sqrt(degrees))
-    return float(1 - np.interp(angle_rad, angles_rad, mass))
-
-
-@functools.lru_cache(maxsize=64)
-def _student(degrees: float) -> tuple[FloatArray, FloatArray]:
-    """Return angles up to pi / 2, and the mass of Student's t between minus and plus each."""
-    angles_rad = np.linspace(0, np.pi / 2, 20001)
-    middles_rad = (angles_rad[1:] + angles_rad[:-1]) / 2
-    mass = np.concatenate([[0.0], np.cumsum(np.cos(middles_rad) ** (degrees - 1))])
-    return angles_rad, mass / mass[-1]

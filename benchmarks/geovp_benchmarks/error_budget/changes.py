@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from geovp.progress import tracked
-from geovp_benchmarks.analysis.drives import Intervals
-from geovp_benchmarks.evaluation.oracles import STAGES, OracleClip, Oracles, with_true_depth
+from geovp_benchmarks.error_budget.oracles import STAGES, OracleClip, Oracles, with_true_depth
 from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.running.scoring import Metrics
-from geovp_benchmarks.tables.table_model import Column, MethodScores, Table
+from geovp_benchmarks.statistics.intervals import Intervals
+from geovp_benchmarks.tables.table_model import Column, Row, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric
@@ -25,7 +25,7 @@ Pairs = dict[str, dict[str, tuple[Any, Any]]]  # variants before and after, by r
 
 
 @dataclass(frozen=True)
-class Method:
+class MeasuredMethod:
     """Pose source with a renderer, and the clips and metrics of its matrix."""
 
     label: str
@@ -99,7 +99,7 @@ class Method:
                     key: intervals.interval(scores[after][number] - scores[before][number], names)
                     for key, (before, after) in row.items()
                 }
-                rows.append(MethodScores(label, changes, num_clips=len(names)))
+                rows.append(Row(label, changes, num_clips=len(names)))
             means = ", ".join(
                 f"{label} {np.nanmean(scores[variant][number]):.{decimals}f}"
                 for label, variant in levels.items()
@@ -112,7 +112,7 @@ class Method:
 
 def read_method(
     matrix: Matrix, label: str | None, limit: int | None, needs: PrivilegedInput
-) -> Method:
+) -> MeasuredMethod:
     """Return a method of a matrix with the first clips; the label may be None for the only one.
 
     `needs` are inputs of the clips beyond those of the method. Raises BadData unless the method is
@@ -135,10 +135,10 @@ def read_method(
     ]
     if not metrics.frame:
         raise BadData("; ".join(unavailable) or "no frame metric: name one in [metrics]")
-    return Method(label, predictor, matrix, dataset, num_clips, metrics.frame, unavailable)
+    return MeasuredMethod(label, predictor, matrix, dataset, num_clips, metrics.frame, unavailable)
 
 
-def error_budget(method: Method) -> list[Table]:
+def error_budget(method: MeasuredMethod) -> list[Table]:
     """Return the changes of all metrics by stage.
 
     *Alone* replaces one stage of the forecast, *one by one* adds stages from top to bottom, so
@@ -165,7 +165,7 @@ def error_budget(method: Method) -> list[Table]:
     return method.change_tables(pairs, levels, OracleClip.frames, notes)
 
 
-def pose_sensitivity(method: Method) -> list[Table]:
+def pose_sensitivity(method: MeasuredMethod) -> list[Table]:
     """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
     exact = (0.0,) * 6
     pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.evaluation import forecasting
-from geovp_benchmarks.evaluation.forecasting import (
+from geovp_benchmarks.trajectories import forecasting
+from geovp_benchmarks.trajectories.forecasting import (
     highest_density_ranks,
     read_windows,
     window_scores,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.audit import kitti_archives
+from geovp_benchmarks.checks import kitti_archives
 from geovp_benchmarks.matrix import papers
 
 

@@ -1,1 +1,0 @@
-"""Checks of results and of components."""

@@ -1,0 +1,1 @@
+"""Checks of components, of data sets, and of stored results."""

@@ -1,1 +1,0 @@
-"""Evaluations without a matrix: odometry, forecasters, error budget and pose sensitivity."""

@@ -1,0 +1,1 @@
+"""Statistics of scores: intervals of means, tests of differences, strata of clips."""

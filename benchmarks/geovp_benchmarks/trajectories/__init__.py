@@ -1,0 +1,1 @@
+"""Accuracy of odometries and forecasters on trajectories, without predicted frames."""
