@@ -45,13 +45,25 @@ class Page:
         self.figure.suptitle("\n".join(lines), x=0.01, ha="left")
 
     def add_legend(self, lines: Mapping[str, Artist]) -> None:
-        """Place a legend of lines by label below the axes, and make the figure higher by it."""
+        """Place a legend of lines by label below the axes, and make the figure higher by it.
+
+        It has as many columns as fit; many lines have a small font.
+        """
         width_in, height_in = self.figure.get_size_inches()
-        num_columns = int(width_in / 2.2)
-        labels = [textwrap.fill(label, int(18 * width_in / num_columns) - 12) for label in lines]
-        legend = self.figure.legend(
-            lines.values(), labels, loc="outside lower left", ncols=num_columns
-        )
+        labels = [textwrap.fill(label, int(14 * width_in)) for label in lines]
+        for num_columns in (4, 3, 2, 1):
+            legend = self.figure.legend(
+                lines.values(),
+                labels,
+                loc="outside lower left",
+                ncols=num_columns,
+                fontsize=6 if len(lines) > 6 else None,
+                handlelength=1.8,
+                columnspacing=1,
+            )
+            if num_columns == 1 or legend.get_window_extent().width <= self.figure.bbox.width:
+                break
+            legend.remove()
         added_in = legend.get_window_extent().height / self.figure.dpi
         self.figure.set_size_inches(width_in, height_in + added_in)
 

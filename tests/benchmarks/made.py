@@ -109,6 +109,7 @@ def write_row(
     name: str,
     lines: Iterable[tuple[str, int, int, str, float | None]] = (),
     facts: Any = None,
+    shown_by: Any = None,
     **record: Any,
 ) -> None:
     """Store a method that is done, with its rows in one file; facts are those of clips."""
@@ -124,7 +125,8 @@ def write_row(
     own |= {"components": {}, "fingerprint": "f"}
     results.write_method(Method(name=name, **{**own, **record}))
     if lines:
-        results.write_scores([(scores(lines), ScoreRecord(name, clips, "f", facts=facts or {}))])
+        own_record = ScoreRecord(name, clips, "f", facts=facts or {}, shown_by=shown_by or {})
+        results.write_scores([(scores(lines), own_record)])
 
 
 def write_protocol(

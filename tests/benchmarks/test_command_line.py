@@ -68,7 +68,7 @@ class TestNames:
         )
         assert read.name == "demo"
         assert read.pose_sources["vo+prior"].num_samples == 3
-        assert read.renderers["fusion"].spec == {
+        assert read.renderers["fusion"] == {
             "name": "depth-fusion",
             "inpainter": {"name": "telea"},
         }

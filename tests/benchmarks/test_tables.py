@@ -184,20 +184,41 @@ def test_steps_have_a_column_each(results: Results, tmp_path: Path, refused: Say
     assert "give steps from 1 to 20" in refused("table", tmp_path, "--steps", "21")
 
 
-def test_clips_have_a_row_each_with_what_is_known_of_them(tmp_path: Path, printed: Says) -> None:
+def test_a_clip_is_listed_with_what_explains_its_score(tmp_path: Path, printed: Says) -> None:
+    """The words of a data set, the mask, and the fallback that shows the clip."""
     results = Results(tmp_path)
-    write_protocol(results, ["a"], "xyz", metrics=METRICS)
-    values = {("x", 0, "psnr"): 20.0, ("y", 0, "psnr"): 10.0, ("z", 0, "psnr"): 15.0}
-    write(results, "a", values, facts={"x": {"yaw_deg": 3.0}, "y": {"yaw_deg": 31.0}})
+    write_protocol(results, ["geo"], ["s/0", "s/1"], metrics={"psnr": METRICS["psnr"]})
+    facts: dict[str, dict[str, float | str]] = {
+        "s/0": {"moving": "some", "masked": 0.125, "interval_s": 0.1},
+        "s/1": {"moving": "none", "yaw_deg": 31.0},
+    }
+    shown_by = {"s/0": "geometry", "s/1": "last-frame"}
+    rows = [("s/0", 0, 1, "psnr", 20.0), ("s/1", 0, 1, "psnr", 12.0)]
+    write_row(results, "geo", rows, facts, shown_by=shown_by)
     text = printed("table", tmp_path, "--per", "clip").splitlines()
-    assert [entry.strip() for entry in text[0].strip("|").split("|")] == [
-        "clip",
-        "turn (degrees)",
-        "a: PSNR",
+    masked = "fraction of pixels fixed to the camera"
+    assert row_of(text, "clip") == [
+        *("clip", "turn (degrees)", "moving", masked, "geo: PSNR (dB)", "geo: shown by")
     ]
-    assert [row_of(text[2:], clip) for clip in "yzx"] == [
-        ["y", "31", "10"],
-        ["z", "-", "15"],
-        ["x", "3", "20"],
-    ]
-    assert [line[2] for line in text[2:5]] == ["y", "z", "x"]  # the worst first
+    assert row_of(text, "s/1") == ["s/1", "31", "none", "-", "12", "the last frame"]
+    assert [line[:5] for line in text if line.startswith("| s/")] == ["| s/1", "| s/0"]
+
+
+def test_a_column_that_repeats_another_is_left_out(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    error = METRICS["translation-error"]
+    metrics = {"translation-error": error, "average-displacement": error}
+    write_protocol(results, ["a"], "xy", metrics=metrics)
+    write(results, "a", {(clip, 0, key): 1.5 for clip in "xy" for key in metrics})
+    assert [column.key for column in tables.build(results)[0].columns] == ["translation-error"]
+    (asked,) = tables.build(results, metrics=[*metrics])
+    assert len(asked.columns) == 2
+
+
+def test_names_of_methods_are_explained_below_a_table(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    write_protocol(results, ["vo", "still"], "x", metrics={"psnr": METRICS["psnr"]})
+    spec = {"name": "chained", "odometry": {"name": "monocular", "scale": {"name": "ground-plane"}}}
+    for name, component in (("vo", spec), ("still", {"name": "still"})):
+        write(results, name, {("x", 0, "psnr"): 1.0}, components={"predictor": component})
+    assert "Methods: vo = chained (monocular (ground-plane))." in tables.build(results)[0].notes

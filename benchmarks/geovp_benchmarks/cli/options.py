@@ -23,8 +23,8 @@ SHARED: dict[str, Any] = {
     "--methods METHOD...": "Methods, by their names in tables. Default: all.",
     "--metrics METRIC...": "Metrics, in this order. Default: all.",
     "--by ATTRIBUTE": (
-        "Group clips by turning, speed, step (length), seen (fraction), moving, or a text of the "
-        "data set such as kind. Default: none."
+        "Group clips by turning, speed, step (length), seen, moving or masked (pixels), or a text "
+        "of the data set such as kind. Default: none."
     ),
     "--against METHOD": "Paired differences from this method. Default: means.",
     "--method METHOD": "Method of the matrix, such as 'vo+prior + fusion'. Default: the only.",

@@ -42,12 +42,18 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.statistics import strata
     from geovp_benchmarks.tables import formats, tables
+    from geovp_classic.errors import BadData
 
     results = Results(args.folder).select(*args.methods)
     groups = strata.divide(results, args.by) if args.by else [results]
     options = {"strict": args.strict, "metrics": args.metrics}
     if args.per:
-        yield from tables.per_clip(results, args.metrics)
+        for group in groups:
+            lines = tables.per_clip(group, args.metrics)
+            if not lines:
+                raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
+            heading = f"## {group.protocol()['name']}: clips, the worst first"
+            yield "\n".join([heading, *formats.blocks(lines, terminal_width()), ""])
         return
     if args.paper:
         from geovp_benchmarks.tables import published

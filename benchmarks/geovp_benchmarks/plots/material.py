@@ -80,9 +80,12 @@ class Material:
 
     @cached_property
     def step_s(self) -> float | None:
-        """Return the seconds between two frames, known from the first kept clip."""
-        times_s = [self.results.clips().read(name).times_s for name in self.clips[:1]]
-        return float(np.diff(times_s).mean()) if times_s else None
+        """Return the seconds between two frames, the same in all clips; None if they differ."""
+        facts = self.results.clip_facts().values()
+        intervals_s = {round(float(of_clip.get("interval_s", 0)), 3) for of_clip in facts} - {0}
+        for name in [] if intervals_s else self.clips[:1]:  # of earlier versions
+            intervals_s.add(float(np.diff(self.results.clips().read(name).times_s).mean()))
+        return intervals_s.pop() if len(intervals_s) == 1 else None
 
 
 def uses_ground_truth(marks: str) -> bool:

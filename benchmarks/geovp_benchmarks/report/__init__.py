@@ -16,12 +16,15 @@ from geovp_benchmarks.statistics import strata
 from geovp_benchmarks.tables import tables
 from geovp_classic.atomic import write_bytes
 
+MAX_CLIPS = 500  # in the table of clips
+
 
 def write(results: Results, options: plots.Options) -> None:
     """Write the plots and report.html of a results folder; raise BadData without results.
 
     With `options.against` and `by` there are also tables of differences and of strata.
     """
+    # Tables: scores, differences from a method, strata, and the findings that open the page.
     metrics, against = options.metrics, options.against
     material, baseline = Material(results, options), against or "copy-last"
     scores = tables.build(results, metrics=metrics)
@@ -32,6 +35,7 @@ def write(results: Results, options: plots.Options) -> None:
     if has_baseline and not against:
         gains = tables.against(results, baseline, metrics=metrics)
     headline = findings.find(scores[0], gains, material.protocol, baseline)
+    # Figures: those of all results, and those that the options ask for.
     plain = replace(options, by=None, against=None)
     figures = [
         (page, path.read_bytes())
@@ -40,6 +44,7 @@ def write(results: Results, options: plots.Options) -> None:
         for path in paths
         if path.suffix == ".svg"
     ]
+    # The page, which contains everything that it shows.
     templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -60,6 +65,7 @@ def write(results: Results, options: plots.Options) -> None:
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
         clips=films.shown_clips(material, headline),
+        clip_table=tables.per_clip(results, metrics)[:MAX_CLIPS],
         step_s=material.step_s,
     )
     write_bytes(results.report, html.encode())

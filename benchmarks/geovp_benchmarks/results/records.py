@@ -61,7 +61,7 @@ class Method(BaseModel):
     asked: dict[str, Any] = {}  # settings in the matrix file, and the protocol's fingerprint
 
     # how the clips that have scores were scored; not stored here
-    scored: InstanceOf[NewestRecords] = Field(NewestRecords(), exclude=True)
+    scored: InstanceOf[NewestRecords] = Field(default=NewestRecords(), exclude=True)
 
     @classmethod
     def of(cls, num_samples: int, source: str, renderer: str | None = None) -> Self:

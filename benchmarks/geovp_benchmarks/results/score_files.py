@@ -156,7 +156,8 @@ class ScoreFiles:
         """Return numbers and texts about the clips themselves, by clip and name."""
         facts: Facts = {}
         for _, text in self._metadata("facts", {record.path for record in records}):
-            facts |= json.loads(text)
+            for clip, of_clip in json.loads(text).items():
+                facts.setdefault(clip, {}).update(of_clip)
         return facts
 
     def scores(

@@ -3,7 +3,7 @@ privileged inputs of a method.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from geovp_benchmarks.results.score_names import Bounds
@@ -46,11 +46,15 @@ def facts_of(key: str, protocol: Mapping[str, Any]) -> Mapping[str, Any]:
     return facts
 
 
+def with_unit(words: str, unit: str) -> str:
+    """Return words with their unit, if they have one."""
+    return f"{words} ({unit})" if unit else words
+
+
 def labelled(words: str, about: Mapping[str, Any]) -> str:
     """Return words on a metric with its unit, and an arrow to its better values."""
-    unit = f" ({about['unit']})" if about.get("unit") else ""
     arrow = {None: "", True: " ↑", False: " ↓"}[about.get("higher_is_better")]
-    return words + unit + arrow
+    return with_unit(words, about.get("unit", "")) + arrow
 
 
 def bounds(about: Mapping[str, Any]) -> Bounds:
@@ -81,6 +85,23 @@ def fallbacks(method: Method) -> str:
     ways = [*method.scored.shown_by.values()]
     counts = [f"{ways.count(way)} by {words}" for way, words in FALLBACKS.items() if way in ways]
     return ", ".join(counts).replace(" by", f" of {method.num_clips} clips by", 1)
+
+
+def legend(methods: Iterable[Method]) -> str:
+    """Return what the names of pose sources, renderers and predictors in labels stand for."""
+    meanings = {
+        getattr(method, role, method.name): outline(spec)
+        for method in methods
+        for role, spec in method.components.items()
+    }
+    return "; ".join(f"{name} = {text}" for name, text in meanings.items() if name != text)
+
+
+def outline(spec: Mapping[str, Any]) -> str:
+    """Return the name of a component, with those of nested components in brackets."""
+    tables = (value for value in spec.values() if isinstance(value, dict))
+    inner = [outline(table) for table in tables if "name" in table]
+    return f"{spec['name']} ({', '.join(inner)})" if inner else str(spec["name"])
 
 
 def marks(method: Method) -> str:

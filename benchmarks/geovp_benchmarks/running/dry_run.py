@@ -16,7 +16,7 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
         num_missing += len(clips)
         scored = plan.results.scored(method.name, method.fingerprint, plan.digests)
         note = method.reason or "unknown"
-        if scored:
+        if scored.seconds:
             per_clip_s = sum(scored.seconds.values()) / len(scored)
             note = f"{per_clip_s:.2f}"
             total_s += len(clips) * per_clip_s
@@ -24,8 +24,8 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
             unknown += len(clips)
         lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
     num_stored = len(plan.methods) * len(plan.clips) - num_missing
-    time = "unknown"
-    if unknown < num_missing or not num_missing:
+    time = "unknown" if num_missing else "none"
+    if unknown < num_missing:
         time = f"about {total_s / workers / 60:.1f} min with {workers} process"
         time += "es" * (workers > 1)
         if unknown:

@@ -112,9 +112,10 @@ class ScoredClip:
 
     @cached_property
     def facts(self) -> dict[str, float]:
-        """Return attributes of the clip: of its path, and fractions of the future pixels."""
+        """Return attributes of the clip: of its path and times, and fractions of future pixels."""
         fractions = {name: float(mask.mean()) for name, mask in self.pixel_sets.items()}
-        return clip_facts(*self.truth) | fractions
+        interval_s = float(np.diff(self.clip.times_s).mean())
+        return {"interval_s": interval_s} | clip_facts(*self.truth) | fractions
 
     def values(
         self, name: str, metric: Any, predicted: ByteArray, masks: Sequence[BoolArray | None]

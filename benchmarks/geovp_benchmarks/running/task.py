@@ -185,6 +185,10 @@ def _scored(task: Task) -> list[Scored]:
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.predictions(method).write(task.clip, prediction)
+        facts = clip.facts | built.texts(task.clip)
+        if ("observe", ()) in steps:
+            observed, _ = steps["observe", ()]
+            facts["masked"] = float(observed.mask.mean())
         record = task.record(
             method,
             metrics=built.metrics.described,
@@ -192,7 +196,7 @@ def _scored(task: Task) -> list[Scored]:
             peak_memory_mb=usage.peak_mb,
             code=code_of(predictor),
             failures=failures,
-            facts={task.clip: clip.facts | built.texts(task.clip)} if scores.values else {},
+            facts={task.clip: facts} if scores.values else {},
             shown_by={task.clip: prediction.shown_by} if prediction.shown_by else {},
         )
         scored.append((scores, record))

@@ -21,13 +21,15 @@ DIVISIONS = {  # the attribute, and bounds of the strata
     "step": ("step_m", (0.5, 1.0)),  # of two frames
     "seen": ("seen", ()),  # fraction of pixels that were seen before; as many clips in each third
     "moving": ("moving", (0.01,)),  # fraction of pixels
+    "masked": ("masked", (0.01,)),  # fraction of pixels
 }
-FACTS = {  # in words, with their units
-    "yaw_deg": "turn (degrees)",
-    "speed_m_s": "speed (m/s)",
-    "step_m": "step of two frames (m)",
-    "seen": "pixels seen before (fraction)",
-    "moving": "pixels of moving objects (fraction)",
+FACTS = {  # in words, and their units
+    "yaw_deg": ("turn", "degrees"),
+    "speed_m_s": ("speed", "m/s"),
+    "step_m": ("step of two frames", "m"),
+    "seen": ("fraction of pixels seen before", ""),
+    "moving": ("fraction of pixels of moving objects", ""),
+    "masked": ("fraction of pixels fixed to the camera", ""),
 }
 
 
@@ -36,6 +38,7 @@ def divide(results: Results, by: str) -> list[Results]:
 
     An attribute in words, such as the kind of a video, has a stratum per text.
     """
+    # Texts of the data set count before numbers of the same name.
     stored = results.clip_facts()
     stated = [item for facts in stored.values() for item in facts.items()]
     words = {name for name, value in stated if isinstance(value, str)}
@@ -47,6 +50,7 @@ def divide(results: Results, by: str) -> list[Results]:
         return [_subset(results, clips, f"{by}: {text}") for text, clips in texts.items()]
     if by not in DIVISIONS:
         raise BadData(f"clips cannot be divided by {by!r}{nearest(by, [*DIVISIONS, *words])}")
+    # Numbers of the clips; without exact depth, coverage stands for the pixels seen before.
     fact, bounds = DIVISIONS[by]
     facts = {clip: float(numbers[fact]) for clip, numbers in stored.items() if fact in numbers}
     source = ""
@@ -57,15 +61,18 @@ def divide(results: Results, by: str) -> list[Results]:
             f"{results.root} has no {fact} of any clip: the data set has no true poses or depths, "
             "or an older version computed the methods (`geovp run --fresh` recomputes them)"
         )
+    # Each clip belongs to the stratum between two bounds.
+    words, unit = FACTS[fact]
     bounds = bounds or tuple(np.quantile(list(facts.values()), [1 / 3, 2 / 3]).tolist())
-    inner = [f"{low:.3g} to {high:.3g}" for low, high in itertools.pairwise(bounds)]
-    labels = [f"below {bounds[0]:.3g}", *inner, f"{bounds[-1]:.3g} or more", "unknown"]
+    inner = [f"{low:.3g} to {high:.3g} {unit}" for low, high in itertools.pairwise(bounds)]
+    last = f"{bounds[-1]:.3g} {unit}".strip()
+    labels = [f"below {bounds[0]:.3g} {unit}", *inner, f"{last} or more", "unknown"]
     clips: dict[str, list[str]] = {label: [] for label in labels}
     for clip in results.protocol()["clips"]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
-        _subset(results, names, f"{FACTS[fact]} {label}{source}")
+        _subset(results, names, f"{words} {label.strip()}{source}")
         for label, names in clips.items()
         if names
     ]

@@ -13,7 +13,6 @@ from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.statistics import strata
 from geovp_benchmarks.statistics.intervals import Intervals, holm
 from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
-from geovp_benchmarks.tables.formats import grid
 from geovp_benchmarks.tables.table_model import (
     Column,
     Row,
@@ -107,7 +106,9 @@ def _main_table(
         elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
-    keys = keys or [key for key in protocol["metrics"] if key not in ALWAYS_SCORED]
+    keys = keys or _different(
+        [key for key in protocol["metrics"] if key not in ALWAYS_SCORED], methods
+    )
     headings = {key: stored_facts.title(key) for key in keys}
     if unknown := [step for step in steps if not 1 <= step <= protocol["num_future"]]:
         raise BadData(f"--steps {unknown[0]}: give steps from 1 to {protocol['num_future']}")
@@ -118,6 +119,16 @@ def _main_table(
             for step in steps
         }
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
+
+
+def _different(keys: Sequence[str], rows: Sequence[Row]) -> list[str]:
+    """Return the columns without those that repeat an earlier one, such as two names of a mean."""
+    different: dict[Any, str] = {}
+    for key in keys:
+        scores = (row.scores.get(key) for row in rows)
+        means = tuple(f"{score.mean:.5g}" if score else "" for score in scores)
+        different.setdefault(means if any(means) else key, key)
+    return [*different.values()]
 
 
 def method_scores(
@@ -166,40 +177,52 @@ def method_scores(
     return lines
 
 
-def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[str]:
-    """Return the lines of a table with a row per clip, those with the worst score first.
+def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
+    """Return the cells of a table with a row per clip, those with the worst score first.
 
-    It shows what is known of the clips, and the scores of the methods; failed clips are marked.
+    It shows what is known of the clips, the scores of the methods, and what they show a clip by
+    where that varies; it is empty without scores. Metrics are by default the first of frames and
+    of poses, and the coverage.
     """
     protocol, facts = results.protocol(), results.clip_facts()
-    methods = [method for method in results.methods() if method.num_clips]
+    clips = protocol["clips"]
     roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
     defaults = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
     keys = metrics or [*dict.fromkeys(defaults)]
-    shown = [words for words in strata.FACTS if any(words in each for each in facts.values())]
-    columns: list[tuple[str, str, Any, Method]] = []  # heading, metric, values, method
-    for method in methods:
+    columns: dict[str, list[str]] = {"clip": clips}
+
+    # What the clips are: numbers, then words of the data set.
+    names = dict.fromkeys(name for of_clip in facts.values() for name in of_clip)
+    for name in [*strata.FACTS, *(name for name in names if name not in strata.FACTS)]:
+        values = [facts.get(clip, {}).get(name, "-") for clip in clips]
+        if name != "interval_s" and set(values) != {"-"}:
+            is_text = all(isinstance(value, str) for value in values)
+            words, unit = (name, "") if is_text else strata.FACTS.get(name, (name, ""))
+            columns[stored_facts.with_unit(words, unit)] = [
+                value if isinstance(value, str) else f"{value:.3g}" for value in values
+            ]
+
+    # How well the methods predict them.
+    order = None
+    for method in (method for method in results.methods() if method.num_clips):
         scores = method_scores(results, method)[0].scores
-        columns += [
-            (f"{method.label}: {stored_facts.title(key)}", key, scores[key].values, method)
-            for key in keys
-            if key in scores
-        ]
-    if not columns:
-        raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
-    sign = 1 if stored_facts.facts_of(columns[0][1], protocol).get("higher_is_better") else -1
-    lines = [
-        ["clip", *(strata.FACTS[name] for name in shown), *(heading for heading, *_ in columns)]
-    ]
-    for row in np.argsort(sign * columns[0][2]):
-        clip = protocol["clips"][row]
-        of_clip = facts.get(clip, {})
-        texts = [f"{of_clip[name]:.3g}" if name in of_clip else "-" for name in shown]
-        for _, _, values, method in columns:
-            mark = " (failed)" * (clip in method.scored.failures)
-            texts.append(f"{values[row]:.4g}{mark}")
-        lines.append([clip, *texts])
-    return grid(lines)
+        failures, shown_by = method.scored.failures, method.scored.shown_by
+        for key in (key for key in keys if key in scores):
+            about, values = stored_facts.facts_of(key, protocol), scores[key].values
+            heading = stored_facts.with_unit(stored_facts.title(key), about.get("unit", ""))
+            columns[f"{method.label}: {heading}"] = [
+                f"{value:.4g}{' (failed)' * (clip in failures)}"
+                for clip, value in zip(clips, values, strict=True)
+            ]
+            if order is None:
+                order = np.argsort(values if about.get("higher_is_better") else -values)
+        if set(shown_by.values()) - {"geometry"}:
+            columns[f"{method.label}: shown by"] = [
+                stored_facts.FALLBACKS.get(shown_by.get(clip, ""), "geometry") for clip in clips
+            ]
+    if order is None:
+        return []
+    return [[*columns], *([column[row] for column in columns.values()] for row in order)]
 
 
 def _detail_tables(main: Table, protocol: Mapping[str, Any]) -> list[Table]:

@@ -72,35 +72,35 @@ def results(tmp_path: Path) -> Results:
         (
             "turning",
             {
-                "turn (degrees) below 5": "ac",
-                "turn (degrees) 5 or more": "bd",
-                "turn (degrees) unknown": "e",
+                "turn below 5 degrees": "ac",
+                "turn 5 degrees or more": "bd",
+                "turn unknown": "e",
             },
         ),
         (
             "speed",
             {
-                "speed (m/s) below 5": "a",
-                "speed (m/s) 5 to 10": "b",
-                "speed (m/s) 10 or more": "c",
-                "speed (m/s) unknown": "de",
+                "speed below 5 m/s": "a",
+                "speed 5 to 10 m/s": "b",
+                "speed 10 m/s or more": "c",
+                "speed unknown": "de",
             },
         ),
         (
             "step",
             {
-                "step of two frames (m) below 0.5": "a",
-                "step of two frames (m) 0.5 to 1": "b",
-                "step of two frames (m) 1 or more": "c",
+                "step of two frames below 0.5 m": "a",
+                "step of two frames 0.5 to 1 m": "b",
+                "step of two frames 1 m or more": "c",
             },
         ),
         # thirds of .7 .8 .9 .95 .99: the bounds are at places 4 / 3 and 8 / 3 of 0..4
         (
             "seen",
             {
-                "pixels seen before (fraction) below 0.833, as s + r covers it": "bc",
-                "pixels seen before (fraction) 0.833 to 0.933, as s + r covers it": "a",
-                "pixels seen before (fraction) 0.933 or more, as s + r covers it": "de",
+                "fraction of pixels seen before below 0.833, as s + r covers it": "bc",
+                "fraction of pixels seen before 0.833 to 0.933, as s + r covers it": "a",
+                "fraction of pixels seen before 0.933 or more, as s + r covers it": "de",
             },
         ),
     ],
@@ -122,13 +122,13 @@ def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> No
         for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)
     }
     results = fill(tmp_path, facts)
-    assert strata.divide(results, "seen")[0].label == "pixels seen before (fraction) below 0.567"
+    assert strata.divide(results, "seen")[0].label == "fraction of pixels seen before below 0.567"
     moving = {
         subset.label: set(subset.protocol()["clips"]) for subset in strata.divide(results, "moving")
     }
     assert moving == {
-        "pixels of moving objects (fraction) below 0.01": {"a"},
-        "pixels of moving objects (fraction) 0.01 or more": {"b", "c"},
+        "fraction of pixels of moving objects below 0.01": {"a"},
+        "fraction of pixels of moving objects 0.01 or more": {"b", "c"},
     }
 
 
@@ -160,7 +160,7 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     pages = [page for page, _ in plots.write_all(results, by_turning) if page.subject == "psnr"]
     assert [page.name for page in pages] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
     assert len({page.figure.axes[0].get_ylim() for page in pages}) == 1
-    assert pages[0].title == "PSNR: turn (degrees) below 5"
+    assert pages[0].title == "PSNR: turn below 5 degrees"
     (legend,) = pages[0].figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
     lines = pages[0].figure.axes[0].lines
@@ -180,9 +180,9 @@ def test_a_report_has_a_table_per_stratum(results: Results, command: Command) ->
     tables = re.findall(r"<h3>demo, ([^<]*)</h3>(.*?)</table>", page, re.DOTALL)
     means = {title: re.findall(r"<td>(\d+\.\d+)<", table)[0] for title, table in tables}
     assert means == {
-        "turn (degrees) below 5 (n = 2): whole frames and poses": "10.50",
-        "turn (degrees) 5 or more (n = 2): whole frames and poses": "11.50",
-        "turn (degrees) unknown (n = 1): whole frames and poses": "13.50",
+        "turn below 5 degrees (n = 2): whole frames and poses": "10.50",
+        "turn 5 degrees or more (n = 2): whole frames and poses": "11.50",
+        "turn unknown (n = 1): whole frames and poses": "13.50",
     }
 
 
@@ -193,7 +193,9 @@ def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) ->
     assert list(stored) == ["road/000", "road/001", "road/002"]
     facts = dict(stored["road/001"])  # 1 m in .1 s, straight on; a wall that moves along
     assert facts.pop("seen") + facts.pop("disoccluded") <= 1
-    assert facts == pytest.approx({"yaw_deg": 0.0, "speed_m_s": 10.0, "step_m": 1.0})
+    assert facts == pytest.approx(
+        {"interval_s": 0.1, "yaw_deg": 0.0, "speed_m_s": 10.0, "step_m": 1.0}
+    )
     again = Results(tmp_path / "again")
     rescore(
         Results(tmp_path / "out"),
