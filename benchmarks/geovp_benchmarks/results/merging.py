@@ -21,9 +21,7 @@ def merge(output: Results, inputs: Sequence[Results], *, any_version: bool = Fal
     Raise BadData if they disagree in the protocol, in versions of libraries, in the settings of a
     method or in the content of a clip. Of scores of one clip, the newest count.
     """
-    protocols = {results.root: results.protocol() for results in inputs}
-    protocol = _merged_protocol(protocols, any_version)
-    methods = _merged_methods(inputs)
+    protocol, methods = _merged_records(inputs, any_version)
     output.write_protocol({**protocol, "methods": [*methods]})
     for method in methods.values():
         output.write_method(method)
@@ -34,36 +32,55 @@ def merge(output: Results, inputs: Sequence[Results], *, any_version: bool = Fal
     output.merge(methods.values())
 
 
-def _merged_protocol(protocols: Mapping[Path, dict[str, Any]], any_version: bool) -> dict[str, Any]:
-    (first_root, first), *others = protocols.items()
-    merged = {**first, "clips": [*first["clips"]], "digests": dict(first.get("digests", {}))}
-    for root, other in others:
-        places = f"{first_root} and {root}"
-        for key, value in _comparable(first).items():
-            if _comparable(other).get(key) != value:
-                raise BadData(
-                    f"{places} differ in the protocol's {key}: merge results of one matrix alone"
-                )
-        for library, version in first["versions"].items():
-            if other["versions"].get(library) != version and not any_version:
-                raise BadData(
-                    f"{places} were computed with {library} {version} and "
-                    f"{other['versions'].get(library)}: recompute one of them, or give "
-                    "--any-version"
-                )
-        for clip, digest in other.get("digests", {}).items():
-            if merged["digests"].setdefault(clip, digest) != digest:
-                raise BadData(
-                    f"{places} have other frames of clip {clip}: merge results of the same data"
-                )
-        if other["dataset"] != first["dataset"]:  # of other sequences
-            names = dict.fromkeys(
-                name for each in (merged, other) for name in each["dataset"].get("sequences") or ()
+def _merged_records(
+    inputs: Sequence[Results], any_version: bool
+) -> tuple[dict[str, Any], dict[str, Method]]:
+    """Return the protocol and the methods of all inputs, of which one is in memory at a time."""
+    first, *others = inputs
+    protocol, methods = {**first.protocol()}, dict[str, Method]()
+    _add_methods(methods, first)
+    for results in others:
+        _check(first.root, protocol, results, any_version)
+        _add_clips(protocol, results.protocol())
+        _add_methods(methods, results)
+        results.memory.clear()
+    return {**protocol, "id": protocol_id(protocol)}, {
+        name: method.model_copy(update={"status": "done"} if method.status == "partial" else {})
+        for name, method in methods.items()
+    }
+
+
+def _check(root: Path, protocol: Mapping[str, Any], results: Results, any_version: bool) -> None:
+    """Raise BadData if a folder has another protocol, other versions or other data."""
+    other, places = results.protocol(), f"{root} and {results.root}"
+    for key, value in _comparable(protocol).items():
+        if _comparable(other).get(key) != value:
+            raise BadData(
+                f"{places} differ in the protocol's {key}: merge results of one matrix alone"
             )
-            merged["dataset"] = {**merged["dataset"], "sequences": [*names]}
-        before = set(merged["clips"])
-        merged["clips"] += [clip for clip in other["clips"] if clip not in before]
-    return {**merged, "id": protocol_id(merged)}
+    for library, version in protocol["versions"].items():
+        if other["versions"].get(library) != version and not any_version:
+            raise BadData(
+                f"{places} were computed with {library} {version} and "
+                f"{other['versions'].get(library)}: recompute one of them, or give --any-version"
+            )
+    digests, other_digests = protocol.get("digests", {}), other.get("digests", {})
+    for clip, digest in other_digests.items() if other_digests != digests else ():
+        if digests.get(clip, digest) != digest:
+            raise BadData(
+                f"{places} have other frames of clip {clip}: merge results of the same data"
+            )
+
+
+def _add_clips(protocol: dict[str, Any], other: Mapping[str, Any]) -> None:
+    """Add the clips and sequences of another folder to a protocol."""
+    if other["clips"] != protocol["clips"]:
+        protocol["clips"] = [*dict.fromkeys([*protocol["clips"], *other["clips"]])]
+        protocol["digests"] = other.get("digests", {}) | protocol.get("digests", {})
+    if other["dataset"] != protocol["dataset"]:
+        datasets = (protocol["dataset"], other["dataset"])
+        names = dict.fromkeys(name for each in datasets for name in each.get("sequences") or ())
+        protocol["dataset"] = {**protocol["dataset"], "sequences": [*names]}
 
 
 def _comparable(protocol: Mapping[str, Any]) -> dict[str, Any]:
@@ -73,25 +90,19 @@ def _comparable(protocol: Mapping[str, Any]) -> dict[str, Any]:
     return facts | {"dataset": {key: value for key, value in dataset if key not in OF_DATA}}
 
 
-def _merged_methods(inputs: Sequence[Results]) -> dict[str, Method]:
-    """Return the methods by name; of one that could not be built everywhere, where it could."""
-    methods: dict[str, Method] = {}
-    for results in inputs:
-        for name, method in results.by_name().items():
-            before = methods.get(name)
-            if before is None or not before.fingerprint:
-                methods[name] = method
-            elif method.fingerprint and method.fingerprint != before.fingerprint:
-                raise BadData(
-                    f"{results.root} has {method.label!r} with other settings: rename it in one of "
-                    "the matrix files"
-                )
-            elif before.status == "failed" or method.num_clips > before.num_clips:
-                methods[name] = method
-    return {
-        name: method.model_copy(update={"status": "done"} if method.status == "partial" else {})
-        for name, method in methods.items()
-    }
+def _add_methods(methods: dict[str, Method], results: Results) -> None:
+    """Add the methods of a folder; of one that could not be built everywhere, where it could."""
+    for name, method in results.by_name().items():
+        before = methods.get(name)
+        if before is None or not before.fingerprint:
+            methods[name] = method
+        elif method.fingerprint and method.fingerprint != before.fingerprint:
+            raise BadData(
+                f"{results.root} has {method.label!r} with other settings: rename it in one of "
+                "the matrix files"
+            )
+        elif before.status == "failed" or method.num_clips > before.num_clips:
+            methods[name] = method
 
 
 def _copy(source: Path, target: Path, pattern: str) -> None:

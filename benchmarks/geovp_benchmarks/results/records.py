@@ -1,5 +1,7 @@
 """Records of results in JSON: protocol.json and method.json."""
 
+import functools
+import json
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -96,6 +98,21 @@ class Method(BaseModel):
     def num_outdated(self) -> int:
         """Return the number of clips whose scores other code than the last run's computed."""
         return sum(record.code != self.code for record in self.scored.values())
+
+
+def read_protocol(path: Path) -> dict[str, Any]:
+    """Return the content of a protocol.json; raise BadData that names the file and the key."""
+    try:
+        return _protocol(files.read_text(path))
+    except (BadData, ValueError, RecursionError):
+        protocol: dict[str, Any] = read(path, Protocol)  # raises the error
+        return protocol
+
+
+@functools.lru_cache(maxsize=1)  # all shards of a matrix have one text, of 100,000 clips
+def _protocol(text: str) -> dict[str, Any]:
+    protocol: dict[str, Any] = validated(Protocol, json.loads(text))
+    return protocol
 
 
 def read(path: Path, kind: Any, **more: Any) -> Any:

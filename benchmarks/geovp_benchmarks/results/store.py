@@ -79,7 +79,7 @@ class Results:
                 f"{self.root} has no protocol.json: not a results folder: give one that "
                 "`geovp run` wrote"
             )
-        protocol: dict[str, Any] = records.read(self.root / "protocol.json", records.Protocol)
+        protocol = {**records.read_protocol(self.root / "protocol.json")}
         if self.subset is not None:
             clips = [clip for clip in protocol["clips"] if clip in self.subset]
             name = f"{protocol['name']}, {self.label} (n = {len(clips)})"

@@ -62,7 +62,7 @@ def divide(results: Results, by: str) -> list[Results]:
             "or an older version computed the methods (`geovp run --fresh` recomputes them)"
         )
     # Each clip belongs to the stratum between two bounds.
-    words, unit = FACTS[fact]
+    name, unit = FACTS[fact]
     bounds = bounds or tuple(np.quantile(list(facts.values()), [1 / 3, 2 / 3]).tolist())
     inner = [f"{low:.3g} to {high:.3g} {unit}" for low, high in itertools.pairwise(bounds)]
     last = f"{bounds[-1]:.3g} {unit}".strip()
@@ -72,7 +72,7 @@ def divide(results: Results, by: str) -> list[Results]:
         rank = np.searchsorted(bounds, facts[clip], side="right") if clip in facts else -1
         clips[labels[rank]].append(clip)
     return [
-        _subset(results, names, f"{words} {label.strip()}{source}")
+        _subset(results, names, f"{name} {label.strip()}{source}")
         for label, names in clips.items()
         if names
     ]

@@ -208,14 +208,14 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
         scores = method_scores(results, method)[0].scores
         failures, shown_by = method.scored.failures, method.scored.shown_by
         for key in (key for key in keys if key in scores):
-            about, values = stored_facts.facts_of(key, protocol), scores[key].values
+            about, of_method = stored_facts.facts_of(key, protocol), scores[key].values
             heading = stored_facts.with_unit(stored_facts.title(key), about.get("unit", ""))
             columns[f"{method.label}: {heading}"] = [
                 f"{value:.4g}{' (failed)' * (clip in failures)}"
-                for clip, value in zip(clips, values, strict=True)
+                for clip, value in zip(clips, of_method, strict=True)
             ]
             if order is None:
-                order = np.argsort(values if about.get("higher_is_better") else -values)
+                order = np.argsort(of_method if about.get("higher_is_better") else -of_method)
         if set(shown_by.values()) - {"geometry"}:
             columns[f"{method.label}: shown by"] = [
                 stored_facts.FALLBACKS.get(shown_by.get(clip, ""), "geometry") for clip in clips
