@@ -87,11 +87,14 @@ class BlockBootstrap:
         values: FloatArray,  # [N]; NaN is left out
         clips: Sequence[str],  # [N], in the order in which they were taken
         bounds: Bounds = UNBOUNDED,
+        *,
+        has_ends: bool = True,
     ) -> Score:
         """Return the mean and its interval; without one for fewer than three values.
 
         It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
-        between them, so that the interval holds it as often as before.
+        between them, so that the interval holds it as often as before. A test needs the p-value
+        alone: without `has_ends`, low and high are NaN.
         """
         is_finite = np.isfinite(values)
         finite, sequences = values[is_finite], sequences_of(tuple(clips))[is_finite]
@@ -105,8 +108,9 @@ class BlockBootstrap:
         low = high = p_value = math.nan
         if count > 2:
             mean_error, degrees = self.mean_error(ordered, groups, tau)
-            offsets = self.offsets(ordered, groups, visible, mean_error, degrees)
-            low, high = np.clip(mean + offsets, *bounds).tolist()
+            if has_ends:
+                offsets = self.offsets(ordered, groups, visible, mean_error, degrees)
+                low, high = np.clip(mean + offsets, *bounds).tolist()
             p_value = student_p_value(mean, mean_error, degrees)
         return Score(mean, low, high, error, count, count / tau, values, p_value)
 
@@ -134,7 +138,8 @@ class BlockBootstrap:
             draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
             off = np.einsum("rn,n->r", draws, values) / count - mean  # without threads, unlike @
             # np.quantile does the same in ten times the time
-            quantiles = np.interp([1 - tail, tail], np.linspace(0, 1, len(off)), np.sort(off))
+            places = (len(off) - 1) * np.array([1 - tail, tail])
+            quantiles = np.interp(places, np.arange(len(off)), np.sort(off))
             spread = off.std()
         return np.asarray(student_quantile(degrees, tail) / normal * error / spread * quantiles)
 

@@ -117,5 +117,6 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
         return True
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
-    gaps = [Intervals().interval(rival.values - score.values, clips) for rival in better]
+    differences = [rival.values - score.values for rival in better]
+    gaps = [Intervals().interval(each, clips, has_ends=False) for each in differences]
     return any(holm(gaps))
