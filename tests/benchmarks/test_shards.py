@@ -47,6 +47,33 @@ def test_shards_in_folders_of_their_own_merge_to_the_whole(
     assert len(Results(merged).clips().names) == 7
 
 
+def test_a_compact_folder_has_one_score_file_for_all_methods(
+    tmp_path: Path, toys: Path, printed: Says
+) -> None:
+    two = {**NOISE, "still": {"name": "toy-still"}}
+    file = write_matrix(tmp_path / "m.toml", content({"clips": 7}, predictors=two))
+    shards = [tmp_path / "1", tmp_path / "2"]
+    for part, folder in enumerate(shards, 1):
+        printed("run", file, "--out", folder, "--shard", f"{part}/2", "--no-report")
+    merged, stored, again = (tmp_path / name for name in ("merged", "stored", "again"))
+    printed("merge", merged, *shards)
+    printed("merge", stored, *shards, "--compact")
+    files = [path.relative_to(stored) for path in stored.rglob("*") if path.is_file()]
+    assert {str(path) for path in files if path.suffix != ".parquet"} == {
+        "protocol.json",
+        "noise/method.json",
+        "still/method.json",
+    }
+    (scores,) = (path for path in files if path.suffix == ".parquet")
+    assert scores.parent == Path("scores")
+    for method in two:
+        expected = [row["value"] for row in rows(merged, method)]
+        assert [row["value"] for row in rows(stored, method)] == pytest.approx(expected)
+    printed("merge", again, stored, "--compact")
+    assert rows(again, "noise") == rows(stored, "noise")
+    assert "7 of 7 reproduce" in printed("verify", stored, "--pairs", "7", "--tolerance", "0.001")
+
+
 def test_shards_write_into_one_folder_at_the_same_time(
     file: Path, tmp_path: Path, toys: Path, whole: list[dict[str, Any]], printed: Says
 ) -> None:

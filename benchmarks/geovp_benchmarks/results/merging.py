@@ -15,8 +15,16 @@ OF_CLIPS = {"clips", "digests", "methods", "dataset", "split_hash", "id", "versi
 OF_DATA = {*PATHS, "sequences", "split", "num_clips", "with_full", "with_right"}
 
 
-def merge(output: Results, inputs: Sequence[Results], *, any_version: bool = False) -> None:
+def merge(
+    output: Results,
+    inputs: Sequence[Results],
+    *,
+    any_version: bool = False,
+    is_compact: bool = False,
+) -> None:
     """Write the clips, methods, scores and kept files of all inputs into one folder.
+
+    A compact folder has one score file for all methods, and no kept files.
 
     Raise BadData if they disagree in the protocol, in versions of libraries, in the settings of a
     method or in the content of a clip. Of scores of one clip, the newest count.
@@ -26,10 +34,12 @@ def merge(output: Results, inputs: Sequence[Results], *, any_version: bool = Fal
     for method in methods.values():
         output.write_method(method)
     for results in inputs:
-        for pattern in ("*/scores/part-*.parquet", "scores/part-*.parquet", "*/predictions/[!.]*"):
+        patterns = ["*/scores/part-*.parquet", "scores/part-*.parquet"]
+        for pattern in [*patterns, *["*/predictions/[!.]*", "clips/[!.]*"] * (not is_compact)]:
             _copy(results.root, output.root, pattern)
-        _copy(results.root, output.root, "clips/[!.]*")
     output.merge(methods.values())
+    if is_compact:
+        output.compact()
 
 
 def _merged_records(

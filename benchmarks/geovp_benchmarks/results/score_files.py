@@ -14,6 +14,7 @@ import time
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -212,7 +213,7 @@ class ScoreFiles:
         now = time.time_ns()
         records = [replace(record, written_ns=now) for _, record in scored]
         facts = {clip: numbers for record in records for clip, numbers in record.facts.items()}
-        self._copy(query, method, NewestRecords.of(records), facts)
+        self._copy(query, self.root / method / "scores", NewestRecords.of(records).joined, facts)
 
     def merge(self, method: str, fingerprint: str, digests: Mapping[str, str]) -> None:
         """Merge the score files of one fingerprint and data in the folder of a method."""
@@ -238,10 +239,26 @@ class ScoreFiles:
             "ORDER BY number, metric, sample, step"
         )
         self._database.execute("SET memory_limit = '1GB'")  # sorting goes on in temporary files
-        merged = self._copy(query, method, latest, self.facts(records))
+        merged = self._copy(query, folder, latest.joined, self.facts(records))
         self._database.execute("RESET memory_limit")
         for path in paths - {merged}:
             path.unlink(missing_ok=True)
+
+    def compact(self, records: Mapping[str, NewestRecords], clips: Sequence[str]) -> None:
+        """Join the scores of methods in one file, in single precision, and remove the others."""
+        before = self._paths
+        joined = [record for of_method in records.values() for record in of_method.joined]
+        facts = self.facts(record for each in records.values() for record in each.values())
+        self._select(records, clips)
+        query = (
+            "SELECT method, clip, sample, step, metric, value::FLOAT AS value FROM selected "
+            "ORDER BY method, number, metric, sample, step"
+        )
+        path = self._copy(query, self.root / "scores", joined, facts)
+        for other in {*before} - {path}:
+            other.unlink()
+            with suppress(OSError):  # not that of the new file
+                other.parent.rmdir()
 
     def _metadata(self, key: str, paths: Iterable[Path]) -> list[tuple[str, str]]:
         """Return the names of files, and what they hold under a key."""
@@ -272,18 +289,17 @@ class ScoreFiles:
             "USING (filename, method, clip)"
         )
 
-    def _copy(self, query: str, method: str, latest: NewestRecords, facts: Facts) -> Path:
+    def _copy(self, query: str, folder: Path, joined: list[ScoreRecord], facts: Facts) -> Path:
         """Write the rows of a query into a new score file with records and facts as metadata."""
-        records = adapter(list[ScoreRecord]).dump_python(latest.joined)
+        records = adapter(list[ScoreRecord]).dump_python(joined)
         metadata = {"geovp": json.dumps(records), "facts": json.dumps(facts)}
         pairs = ", ".join(f"{key}: '{_quoted(text)}'" for key, text in metadata.items())
-        folder = self.root / method / "scores"
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{uuid.uuid4()}.part"
         try:
             self._database.execute(
-                f"COPY ({query}) TO '{_quoted(scratch)}' (FORMAT parquet, USE_TMP_FILE false, "
-                f"KV_METADATA {{{pairs}}})"
+                f"COPY ({query}) TO '{_quoted(scratch)}' (FORMAT parquet, COMPRESSION zstd, "
+                f"USE_TMP_FILE false, KV_METADATA {{{pairs}}})"
             )
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)

@@ -256,6 +256,12 @@ class Results:
             self._score_files.merge(method.name, method.fingerprint, self.digests)
         self.memory.clear()
 
+    def compact(self) -> None:
+        """Join the scores of all methods in one file."""
+        records = {name: method.scored for name, method in self.by_name().items() if method.scored}
+        self._score_files.compact(records, self.protocol()["clips"])
+        self.memory.clear()
+
     def discard(self, method: Method) -> None:
         """Remove scores and predictions of a method; those of other settings stay."""
         predictions = self.predictions(method)
