@@ -22,6 +22,10 @@ ARGUMENTS = {
         **SELECTION,
         "--steps NUMBER...": "Scores of these steps alone. Default: means over all steps.",
         "--per clip": "A row for each clip, the worst first. Default: means over clips.",
+        "--seeds": (
+            "Average methods that differ by a number at the end of a name, such as net-0 and "
+            "net-1: training seeds, whose variance enters the intervals."
+        ),
         "--strict": "Leave out clips on which a method failed.",
         "--paper NAME": "Layout of a paper, next to its numbers, such as fvs20. Default: ours.",
     },
@@ -46,7 +50,7 @@ def run(args: argparse.Namespace) -> Lines:
 
     results = Results(args.folder).select(*args.methods)
     groups = strata.divide(results, args.by) if args.by else [results]
-    options = {"strict": args.strict, "metrics": args.metrics}
+    options = {"strict": args.strict, "metrics": args.metrics, "has_seeds": args.seeds}
     if args.per:
         for group in groups:
             lines = tables.per_clip(group, args.metrics)
@@ -67,7 +71,7 @@ def run(args: argparse.Namespace) -> Lines:
         ]
     else:
         shown = tables.build(results, args.spread, steps=args.steps, **options)
-        if not (args.methods or args.metrics or args.strict or args.steps):
+        if not (args.methods or args.metrics or args.strict or args.steps or args.seeds):
             formats.write_all(results, shown)
     match args.format:
         case "csv":

@@ -105,14 +105,25 @@ class BlockBootstrap:
         mean, ordered = float(finite.mean()), finite[groups.order]
         tau, visible = self.autocorrelation_time(ordered, groups)
         error = float(finite.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
-        low = high = p_value = math.nan
+        low = high = p_value = mean_error = degrees = math.nan
         if count > 2:
             mean_error, degrees = self.mean_error(ordered, groups, tau)
             if has_ends:
                 offsets = self.offsets(ordered, groups, visible, mean_error, degrees)
                 low, high = np.clip(mean + offsets, *bounds).tolist()
             p_value = student_p_value(mean, mean_error, degrees)
-        return Score(mean, low, high, error, count, count / tau, values, p_value)
+        return Score(
+            mean,
+            low,
+            high,
+            error,
+            count,
+            count / tau,
+            values,
+            p_value,
+            mean_error=mean_error,
+            degrees=degrees,
+        )
 
     def mean_error(self, values: FloatArray, groups: Groups, tau: float) -> tuple[float, int]:
         """Return the standard error of the mean and its degrees of freedom."""

@@ -9,11 +9,12 @@ false mark among all methods that are compared.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.score import Score, sequences_of
 from geovp_benchmarks.statistics.student import student_p_value, student_quantile
@@ -61,6 +62,58 @@ class Intervals:
             values,
             student_p_value(mean, error, degrees),
             is_over_drives=True,
+            mean_error=error,
+            degrees=degrees,
+        )
+
+    def over_seeds(
+        self,
+        seeds: FloatArray,  # [R, N] of training seeds and clips
+        clips: Sequence[str],
+        bounds: Bounds = UNBOUNDED,
+    ) -> Score:
+        """Return the mean over seeds and clips; other seeds would differ, too."""
+        score = self.interval(nanmean(seeds, axis=0), clips, bounds)
+        return replace(self.widened(score, bounds, nanmean(seeds, axis=1)), seeds=seeds)
+
+    def difference(
+        self,
+        score: Score,
+        reference: Score,
+        clips: Sequence[str],
+        bounds: Bounds = UNBOUNDED,
+        *,
+        has_ends: bool = True,
+    ) -> Score:
+        """Return the paired difference of a method from another; both may have training seeds."""
+        gaps = score.values - reference.values
+        gap = self.interval(gaps, clips, bounds, has_ends=has_ends)
+        pairs = ((score.seeds, reference.values), (reference.seeds, score.values))
+        means = [nanmean(seeds - values, axis=1) for seeds, values in pairs if len(seeds)]
+        return self.widened(gap, bounds, *means)
+
+    def widened(self, score: Score, bounds: Bounds, *means_of_seeds: FloatArray) -> Score:
+        """Return a score whose error includes the variance among training seeds.
+
+        The variances of the means over drives or clips and over seeds add up, and the degrees of
+        freedom are those of Welch (1947) and Satterthwaite (1946).
+        """
+        parts = [(score.mean_error**2, score.degrees)]
+        parts += [(means.var(ddof=1) / len(means), len(means) - 1) for means in means_of_seeds]
+        variance = sum(part for part, _ in parts)
+        if not means_of_seeds or not variance > 0:
+            return score
+        error = math.sqrt(variance)
+        degrees = variance**2 / sum(part**2 / freedom for part, freedom in parts)
+        half = student_quantile(degrees, (1 + self.level) / 2) * error
+        low, high = np.clip([score.mean - half, score.mean + half], *bounds).tolist()
+        return replace(
+            score,
+            low=low,
+            high=high,
+            p_value=student_p_value(score.mean, error, degrees),
+            mean_error=error,
+            degrees=degrees,
         )
 
 

@@ -23,6 +23,10 @@ class Score:
     values: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
     p_value: float = math.nan  # of a mean of zero, two-sided
     is_over_drives: bool = False  # whether each drive is one observation
+    mean_error: float = math.nan  # standard error of the mean that the interval follows from
+    degrees: float = math.nan  # of freedom of this error
+    # [R, N], values by training seed, of a mean over seeds
+    seeds: FloatArray = field(default_factory=lambda: np.empty((0, 0)), compare=False)
 
     @property
     def is_exact(self) -> bool:

@@ -113,7 +113,7 @@ def comma_separated(table: Table) -> str:
             record |= {
                 f"{column.key}_{name}".removesuffix("_mean"): "" if math.isnan(number) else number
                 for name, number in vars(score).items()
-                if name != "values"
+                if name not in ("values", "seeds")
             }
         records.append(record)
     stream = io.StringIO()

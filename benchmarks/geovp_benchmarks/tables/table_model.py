@@ -117,6 +117,5 @@ def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequen
         return True
     if sign < 0 and any(rival.is_exact for rival in better):
         return True  # a positive error is worse than none, which needs no test
-    differences = [rival.values - score.values for rival in better]
-    gaps = [Intervals().interval(each, clips, has_ends=False) for each in differences]
+    gaps = [Intervals().difference(rival, score, clips, has_ends=False) for rival in better]
     return any(holm(gaps))

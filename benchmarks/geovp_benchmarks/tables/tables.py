@@ -1,5 +1,6 @@
 """Tables of a results folder: means, intervals, privileged inputs, and notes that explain them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +22,7 @@ from geovp_benchmarks.tables.table_model import (
     selected_columns,
 )
 from geovp_benchmarks.tables.templates import template
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, nearest
 
 
 def build(
@@ -31,40 +32,55 @@ def build(
     strict: bool = False,
     metrics: Sequence[str] = (),
     steps: Sequence[int] = (),
+    has_seeds: bool = False,
 ) -> list[Table]:
     """Return the main table (whole frames and poses), then those over sets of pixels.
 
     Clips that a method could not predict count as copies of the last frame; `strict` leaves them
     out. With named columns or steps there is only one table. Methods compete among those selected.
     """
-    main = _main_table(results, metrics, strict, steps)
+    main = _main_table(results, metrics, strict, steps, has_seeds)
     tables = [main] if metrics or steps else [main, *_detail_tables(main, results.protocol())]
     return [explained(replace(table, spread=spread), results, strict=strict) for table in tables]
 
 
 def against(
-    results: Results, name: str, *, strict: bool = False, metrics: Sequence[str] = ()
+    results: Results,
+    name: str,
+    *,
+    strict: bool = False,
+    metrics: Sequence[str] = (),
+    has_seeds: bool = False,
 ) -> Table:
     """Return paired differences of the main table's methods from another, over common clips.
 
     A method with samples is compared by its mean over them. Stars mark what `holm` finds.
     """
-    main, protocol = _main_table(results, metrics, strict), results.protocol()
-    reference = _main_table(results.select(name), (), strict).rows[0]
+    # The reference is a method, or the mean of its training seeds.
+    protocol = results.protocol()
+    main = _main_table(results, metrics, strict, (), has_seeds)
+    others = results.select() if has_seeds else results.select(name)
+    rows = _main_table(others, (), strict, (), has_seeds).rows
+    named = {row.label.partition(" (")[0]: row for row in rows} if has_seeds else {name: rows[0]}
+    if name not in named:
+        raise BadData(f"no method is called {name!r}{nearest(name, named)}")
+    reference = named[name]
     columns = [column for column in main.columns if column.key in reference.scores]
     exact = [
         column.key
         for column in columns
         if column.higher_is_better is False and reference.scores[column.key].is_exact
     ]
-    others = [m for m in main.rows if m.label != reference.label and m.scores]
     methods = []
-    for method in others:
+    for method in main.rows:
+        if method.label == reference.label or not method.scores:
+            continue
         differences = {}
         for key in (column.key for column in columns if column.key in method.scores):
-            values = method.scores[key].values - reference.scores[key].values
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            differences[key] = Intervals().interval(values, protocol["clips"], bounds)
+            differences[key] = Intervals().difference(
+                method.scores[key], reference.scores[key], protocol["clips"], bounds
+            )
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
     starred = {
@@ -93,7 +109,11 @@ def significant(methods: Sequence[Row], key: str) -> list[str]:
 
 
 def _main_table(
-    results: Results, metrics: Sequence[str], strict: bool, steps: Sequence[int] = ()
+    results: Results,
+    metrics: Sequence[str],
+    strict: bool,
+    steps: Sequence[int] = (),
+    has_seeds: bool = False,
 ) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores.
 
@@ -105,6 +125,8 @@ def _main_table(
             methods += method_scores(results, method, strict=strict, steps=steps)
         elif results.selected:
             raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
+    if has_seeds:
+        methods = _over_seeds(methods, protocol)
     keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
     keys = keys or _different(
         [key for key in protocol["metrics"] if key not in ALWAYS_SCORED], methods
@@ -119,6 +141,27 @@ def _main_table(
             for step in steps
         }
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
+
+
+def _over_seeds(rows: Sequence[Row], protocol: Mapping[str, Any]) -> list[Row]:
+    """Return one row for methods whose names differ by the number of their training seed alone."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(re.sub(r"-\d+(?=$| \+ |, )", "", row.label, count=1), []).append(row)
+    means = []
+    for label, group in groups.items():
+        if len(group) == 1:
+            means += group
+            continue
+        scores = {}
+        for key in group[0].scores:
+            seeds = np.stack([row.scores[key].values for row in group])
+            bounds = stored_facts.bounds(stored_facts.facts_of(key, protocol))
+            scores[key] = Intervals().over_seeds(seeds, protocol["clips"], bounds)
+        num_clips = min(row.num_clips for row in group)
+        label = f"{label} ({len(group)} seeds)"
+        means.append(replace(group[0], label=label, scores=scores, num_clips=num_clips))
+    return means
 
 
 def _different(keys: Sequence[str], rows: Sequence[Row]) -> list[str]:

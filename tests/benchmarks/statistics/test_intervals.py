@@ -1,5 +1,6 @@
 """Intervals over drives, and tests of several differences."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.statistics.student import student_p_value
 from geovp_benchmarks.tables import tables
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import write_protocol
+from tests.benchmarks.made import write_protocol, write_row
 from tests.benchmarks.test_tables import METRICS, write
 
 
@@ -107,3 +108,34 @@ def test_table_and_report_agree_that_few_clips_are_not_tested(
     assert found is not None
     assert not found.is_significant
     assert main.marked == set()
+
+
+def test_training_seeds_widen_an_interval(tmp_path: Path, printed: Says) -> None:
+    """Seeds of mean 1, 2 and 3: a variance of the mean of 1 / 3, whose t has two degrees."""
+    results = Results(tmp_path)
+    names = clips(*[1] * 8)
+    psnr = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
+    write_protocol(results, ["net-0", "net-1", "net-2", "other"], names, metrics={"psnr": psnr})
+    for name, value in (("net-0", 1.0), ("net-1", 2.0), ("net-2", 3.0), ("other", 0.0)):
+        write_row(results, name, [(clip, 0, 1, "psnr", value) for clip in names])
+    (net, other) = tables.build(results, has_seeds=True)[0].rows
+    half = stats.t.ppf(0.975, 2) / math.sqrt(3)
+    assert (net.label, other.label) == ("net (3 seeds)", "other")
+    interval = net.scores["psnr"]
+    assert (interval.low, interval.high) == pytest.approx((2 - half, 2 + half), rel=1e-4)
+    (difference,) = tables.against(results, "other", has_seeds=True).rows
+    assert difference.scores["psnr"].high == pytest.approx(2 + half, rel=1e-4)
+    (difference,) = tables.against(results, "net", has_seeds=True).rows
+    assert difference.scores["psnr"].low == pytest.approx(-2 - half, rel=1e-4)
+    assert "| net (3 seeds)" in printed("table", tmp_path, "--seeds")
+
+
+def test_intervals_hold_for_other_seeds_and_drives() -> None:
+    """With effects of 12 drives, of 4 seeds, and of both together."""
+    rng, num_held = np.random.default_rng(0), 0
+    for _ in range(400):
+        drives = rng.normal(size=12).repeat(3)
+        seeds = drives + rng.normal(size=(4, 1)) + 0.5 * rng.normal(size=(4, 36))
+        score = Intervals().over_seeds(seeds, clips(*[3] * 12))
+        num_held += score.low <= 0 <= score.high
+    assert 0.93 <= num_held / 400 <= 0.99
