@@ -55,6 +55,7 @@ def progress_bar(description: str, log_interval_s: float = 60.0) -> Iterator[Non
         delay=0.5,
         disable=is_quiet or not sys.stderr.isatty(),
     ) as bar:
+        # Reports are counts, announcements are steps.
         logged_s = time.monotonic()
 
         def show(record: logging.LogRecord) -> bool:

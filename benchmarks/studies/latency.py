@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
     def scored(frames: ByteArray, real: ByteArray) -> FloatArray:
         return np.array([metric(frames, real, None) for metric in metrics.values()])
 
+    # Views of each method at each latency, and of the whole channel with its faults.
     scores, channel_scores = defaultdict(list), defaultdict(list)  # by method, and by channel
     names: list[str] = []
     warned = []
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
         for name, channel in channels.items():
             present, real = received(clip, setup, replace(channel, seed=index))
             channel_scores[name].append(scored(present, real))
+    # Means over the drives, gains over the late image, and the faults of the channel.
     values = {method: np.array(each) for method, each in scores.items()}
     yield f"{len(names)} presents of {len(dataset)} drives; the live views are replaced by the "
     yield f"late image, with a warning, in {100 * np.mean(warned):.1f} % of the forecasts"
@@ -141,10 +143,12 @@ def presents(clip: Clip, setup: Setup) -> Iterator[tuple[dict[str, ByteArray], B
         steps = step + np.array(setup.latencies)
         if step < setup.num_warm_up or step % setup.stride or steps[-1] >= len(clip):
             continue
+        # The true motion since the last image, and commands that lead there.
         moved = se3.inverse(poses[step]) @ poses[steps]  # last_from_present
         yaw_rad = np.arctan2(moved[:, 0, 2], moved[:, 2, 2])
         commands = commanded(clip, range(step, steps[-1]), setup, rng)
         times_s = clip.times_s[steps]
+        # The live predictor with its forecast, with commands, and with the recorded motion.
         live_views = {
             "live, forecast": [live.view(now_s) for now_s in times_s],
             "live, commanded": [live.view(now_s, commands) for now_s in times_s],
@@ -152,6 +156,7 @@ def presents(clip: Clip, setup: Setup) -> Iterator[tuple[dict[str, ByteArray], B
                 live.view(now_s, (), motion) for now_s, motion in zip(times_s, moved, strict=True)
             ],
         }
+        # What needs no geometry: the late image, shifted by the turn, and flow extrapolation.
         recent = slice(step - 2, step + 1)
         context = Context(
             frames=clip.frames[recent],

@@ -66,6 +66,7 @@ def adjust_sift(
     max_error_px: float = 2.0,
 ) -> FloatArray:
     """Return the poses [T, 4, 4] after a bundle adjustment of SIFT features of all images."""
+    # SIFT features of all images, matched between neighbours.
     frames = folder / "frames"
     frames.mkdir()
     for number, grey in enumerate(greys):
@@ -80,6 +81,7 @@ def adjust_sift(
     )
     pycolmap.match_sequential(database)
 
+    # A model of the initial poses, with points triangulated from them.
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as stored:
         (colmap_camera,) = stored.read_all_cameras()
@@ -93,6 +95,7 @@ def adjust_sift(
         model.add_image_with_trivial_frame(posed, pose)
     model = pycolmap.triangulate_points(model, database, frames, folder)
 
+    # Robust bundle adjustment, and removal of outliers, in turn.
     options = pycolmap.BundleAdjustmentOptions(
         refine_focal_length=False, refine_extra_params=False, print_summary=False
     )

@@ -80,6 +80,7 @@ class Predicted:
         min_turn_deg: float = 0.1,
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
+        # The camera.
         if self.camera.source == "assumed":
             yield (
                 f"the motion does not tell the focal length: {self.camera.fov_deg:.0f} degrees are "
@@ -90,6 +91,7 @@ class Predicted:
                 f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such "
                 "lenses are mostly fisheyes: give --calibration with a fisheye model"
             )
+        # What is shown.
         if not self.prediction.is_trusted:
             yield (
                 "the scene predicts the last observed frames worse than "
@@ -101,6 +103,7 @@ class Predicted:
                 f"{self.mask_fraction:.0%} of the image do not show the scene and are repeated "
                 "from the last frame, see strip.png: if they do show it, give --no-mask or --mask"
             )
+        # The motion.
         motion = self.prediction.motion
         if motion is None:
             return
@@ -180,11 +183,13 @@ class Predicted:
 
 def predict(request: PredictionRequest) -> Predicted:
     """Read, track, forecast, reconstruct and render; BadData names a missing input."""
+    # A video has frames, and at most the height of its camera.
     predictor = request.build()
     missing = predictor.needs & ~(PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.FULL_FRAMES)
     if missing:
         name = registry.name_of(predictor)
         raise BadData(f"{name} needs {missing.name}, which a video does not have")
+    # The frames in use: by default the latest, so that the future is unknown.
     announce("reading frames")
     recording, lens = read_recording(request)
     numbers = request.frame_numbers(recording.times_s)
@@ -198,11 +203,13 @@ def predict(request: PredictionRequest) -> Predicted:
             f"and {num_past} must be seen: {last}give a smaller --past or a larger --rate"
         )
     recording = recording.selected(numbers)
+    # The camera, and the clip at the output size. Frames after the past are kept for comparison.
     announce("calibrating", 1)
     camera, recording = find_camera(recording, lens, first + num_past, request)
     size_px = request.size_px or output_size(recording.intrinsics)
     num_recorded = min(num_past + request.num_future, num_frames - first)
     clip = windows.cut(recording, first, num_recorded, size_px, with_full=request.with_full)
+    # The future has the frame rate of the past.
     past_s = clip.times_s[:num_past]
     future_s = past_s[-1] + np.diff(past_s).mean() * np.arange(1, request.num_future + 1)
     context = Context(

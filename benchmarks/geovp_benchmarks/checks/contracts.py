@@ -93,6 +93,7 @@ class Trial:
     def _call(self, context: Context) -> Any:
         """Return the output of a component of any role."""
         component, truth, num_samples = self.component, self.truth, self.num_samples
+        # True poses, where a component is given some.
         past, future = truth.past, truth.future
         motion = Motion(past, future.world_from_cam[None], np.ones(truth.num_past, dtype=bool))
         match self.role:

@@ -69,12 +69,14 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
     """Recompute stored scores, twice if they differ; nothing is written into the results."""
     label = f"{pair.method.label}, {pair.clip}"
     try:
+        # The same method, data and metrics as stored, as far as they exist here.
         matrix = _matrix(pair, root)
         built = build_matrix(matrix.model_dump_json())
         predictor = built.predictors[pair.method.name]
         if isinstance(predictor, Failure):
             raise GeovpError(predictor.reason)
         recomputed, record = _recompute(pair, matrix)
+        # Metrics that are unavailable here are not compared.
         stored = replace(pair.results, subset=frozenset({pair.clip})).scores(pair.method.name)
         unavailable = built.metrics.unavailable
         differences = {
@@ -85,6 +87,7 @@ def verify(pair: Pair, root: Path | None, tolerance: float) -> Verdict:
         is_random = differences and _differences(recomputed, _recompute(pair, matrix)[0])
     except GeovpError as problem:
         return Verdict(f"{label}: cannot be computed here: {problem}")
+    # The verdict, with the three largest differences and what explains them.
     is_reproduced = max(differences.values(), default=0.0) <= tolerance
     words = ["identical"]
     if differences:

@@ -108,9 +108,11 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         import argcomplete
 
         argcomplete.autocomplete(parser or command_line())
+    # Options of messages may stand anywhere; the others belong to one command.
     args, rest = verbosity().parse_known_args(words)
     parser = parser or command_line(rest[:1] if {*rest[:1]} & {*COMMANDS} else COMMANDS)
     parser.parse_args(rest, args)
+    # Errors of the user are one sentence; SIGTERM ends a command like an interrupt.
     previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     with messages(args.quiet, args.verbose):
         try:

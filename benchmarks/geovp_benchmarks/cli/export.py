@@ -30,6 +30,7 @@ ARGUMENTS = {
 
 def run(args: argparse.Namespace) -> Lines:
     """Write the file or files, and print their paths."""
+    # Conditions of a video generator, computed again from the stored settings.
     if args.format == "conditions":
         from geovp_benchmarks.matrix.stored import matrix_of
         from geovp_benchmarks.results.store import Results
@@ -43,6 +44,7 @@ def run(args: argparse.Namespace) -> Lines:
         matrix = matrix_of(stored, stored.methods()[0], args.root)
         yield from map(str, write_conditions(matrix, args.out, args.limit))
         return
+    # All scores in one table, a method at a time.
     import duckdb
     import numpy as np
 

@@ -74,6 +74,7 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
     states, too: "--limit N = 8". METHOD... takes several values, A|B one of two, and an option
     without a metavar none. The value is the help, or the result of `option`.
     """
+    # The type of a value follows from its metavar.
     types: dict[str, Callable[[str], Any]] = {
         "DEVICE": device,
         "DIR": Path,
@@ -95,6 +96,7 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
     for spelling, about in options.items():
         words, _, default = spelling.partition(" = ")
         name, _, metavar = words.partition(" ")
+        # An option without a metavar is a switch.
         settings: dict[str, Any] = {"action": "store_true"}
         if metavar:
             kind = metavar.removesuffix("...")
@@ -103,6 +105,7 @@ def add_options(group: argparse._ActionsContainer, options: Mapping[str, Any]) -
                 settings |= {"nargs": "+", "default": default.split()}
             if "|" in kind:
                 settings["choices"] = kind.split("|")
+        # The help states the default.
         settings |= {"help": about} if isinstance(about, str) else about
         if default:
             settings["help"] += f" Default: {default}."

@@ -78,6 +78,7 @@ class MeasuredMethod:
 
         Raises Incompatible if all variants are impossible on all clips.
         """
+        # Scores of all variants, each computed once per clip.
         variants = (variant for row in pairs.values() for pair in row.values() for variant in pair)
         scores, names, reasons = self.score(variants, predict)
         horizons = ", ".join(str(step + 1) for step in self.steps)
@@ -89,6 +90,7 @@ class MeasuredMethod:
             "[low, high]: 95 % interval of the mean over clips, by Student's t over drives if "
             "there are eight or more, else by block bootstrap over the clips of these drives"
         )
+        # A table per metric: paired changes between the two variants of each cell.
         tables, intervals = [], Intervals()
         for number, (name, metric) in enumerate(self.metrics.items()):
             decimals = 2 if metric.unit == "dB" else 4

@@ -83,11 +83,13 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
     There is a figure per stratum, with equal axes. Figures over sets of pixels are svg only.
     """
     pages: list[Page] = []
+    # A figure per stratum, or one for all clips.
     for number, material in enumerate(groups, 1):
         options, methods = material.options, material.shown
         curves = _curves(material, metric, methods)
         if not curves:
             continue
+        # Name of the file, title and axis say what is compared.
         kind, title = "horizon", stored_facts.title(metric)
         facts = facts_of(metric, material.protocol)
         y_label = stored_facts.labelled(title, facts)
@@ -97,12 +99,14 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
         if options.against:
             kind, title = f"against-{kind}", f"{title}: difference from {options.against}"
             y_label = f"difference in {y_label}"
+        # The subtitle says on how many clips and methods the figure rests.
         data, num_clips = stored_facts.data_name(material.protocol), len(curves[0].clips)
         subtitle = f"{data}: mean of {num_clips} clips"
         if len(curves) <= options.max_intervals and num_clips > 2:
             subtitle += " with 95 % intervals"
         if len(methods) < len(material.methods):
             subtitle += f"; {len(methods)} of {len(material.methods)} methods (see --methods)"
+        # Figures of strata share their vertical axis.
         formats = ("svg",) if "@" in metric else ("png", "svg")
         page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
         axes = draw(page, curves, options, material.step_s)
@@ -124,16 +128,19 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
     """
     facts = facts_of(metric, material.protocol)
     higher, is_of_poses = facts.get("higher_is_better"), facts["role"] == "trajectory"
+    # Renderers of one pose source have the same poses.
     methods: dict[tuple[str, str], Method] = {}
     for method in shown:
         renderer = "" if is_of_poses else method.renderer or ""
         methods.setdefault((method.pose_source or method.label, renderer), method)
+    # Differences are paired with the mean of the samples of the other method.
     bounds, against = stored_facts.bounds(facts), material.options.against
     reference: FloatArray | float = 0.0
     if against:
         (method,) = material.results.select(against).methods()
         reference = mean_of_samples(material.values(method, metric))[:, None]
         bounds = UNBOUNDED
+    # A curve needs two steps with values; hollow markers show the best samples.
     curves = []
     styles = line_styles(list(methods))
     for line_style, ((source, _), method) in zip(styles, methods.items(), strict=True):

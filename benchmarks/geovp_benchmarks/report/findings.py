@@ -39,12 +39,14 @@ def find(
         return None
     column = min(columns, key=lambda each: facts_of(each.key, protocol)["role"] != "frame")
     key, clips = column.key, protocol["clips"]
+    # Methods with scores on all clips, the best first.
     ranked = [
         method
         for method in table.rows
         if key in method.scores and method.num_clips == len(clips) and not method.is_oracle_selected
     ]
     ranked.sort(key=lambda method: method.scores[key].mean, reverse=bool(column.higher_is_better))
+    # The best of each kind, other than the baseline.
     best: dict[bool, Row] = {}
     gain = None
     clip_scores: dict[str, float] = {}
@@ -52,6 +54,7 @@ def find(
         if method.label != baseline:
             best.setdefault(uses_ground_truth(method.marks), method)
     fair, privileged = best.get(False), best.get(True)
+    # The first of them orders the clips, and its gain over the baseline is stated.
     judge = fair or privileged
     if judge:
         values = judge.scores[key].values

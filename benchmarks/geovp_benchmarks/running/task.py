@@ -162,6 +162,7 @@ def _scored(task: Task) -> list[Scored]:
     clip = ScoredClip(built.clip(task.index, task.clip), built.matrix.num_past)
     if task.is_kept:
         results.clips().write(task.clip, clip.clip)
+    # Each method predicts from its own inputs; equal steps of methods are computed once.
     steps: dict[Hashable, Any] = {}  # that several methods have in common
     scored = []
     for method in task.methods:
@@ -178,6 +179,7 @@ def _scored(task: Task) -> list[Scored]:
             prediction = _predict(predictor, method, context, clip, usage)
             with scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
+        # A copy of the last frame replaces a prediction that fails.
         except Exception as error:  # of a component: the run continues
             failures[task.clip] = task.failure or Failure.of(error)
             prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
@@ -185,6 +187,7 @@ def _scored(task: Task) -> list[Scored]:
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.predictions(method).write(task.clip, prediction)
+        # Known of the clip, and how it was scored.
         facts = clip.facts | built.texts(task.clip)
         if ("observe", ()) in steps:
             observed, _ = steps["observe", ()]

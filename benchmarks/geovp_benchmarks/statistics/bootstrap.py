@@ -101,10 +101,12 @@ class BlockBootstrap:
         count = len(finite)
         if count == 0:
             return Score(math.nan, values=values)
+        # Correlation of neighbours lowers the effective number of clips.
         groups = Groups.of(sequences, self.min_length)
         mean, ordered = float(finite.mean()), finite[groups.order]
         tau, visible = self.autocorrelation_time(ordered, groups)
         error = float(finite.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
+        # Error of the mean from slow changes, and the ends of the interval from resampled blocks.
         low = high = p_value = mean_error = degrees = math.nan
         if count > 2:
             mean_error, degrees = self.mean_error(ordered, groups, tau)

@@ -66,6 +66,7 @@ def against(
         raise BadData(f"no method is called {name!r}{nearest(name, named)}")
     reference = named[name]
     columns = [column for column in main.columns if column.key in reference.scores]
+    # A positive error always differs from none: no test is needed.
     exact = [
         column.key
         for column in columns
@@ -83,6 +84,7 @@ def against(
             )
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
+    # Stars and notes: which differences are significant, and which are not tested.
     starred = {
         (label, column.key)
         for column in columns
@@ -189,6 +191,7 @@ def method_scores(
     such as "psnr at 5".
     """
     protocol = results.protocol()
+    # Means over all steps, over the first steps, and single steps: [N, S] by column.
     clips, columns = protocol["clips"], dict(results.means(method.name))
     for num_steps in horizons:
         first = results.means(method.name, num_steps)
@@ -196,8 +199,10 @@ def method_scores(
     for step in steps:
         alone = results.means(method.name, step, step)
         columns |= {f"{key} at {step}": values for key, values in alone.items()}
+    # Failed clips are copies of the last frame, which count unless `strict`.
     failed = np.isin(clips, [*method.scored.failures]) & strict
     columns = {key: np.where(failed[:, None], np.nan, values) for key, values in columns.items()}
+    # Of samples the mean, and the best one by the real future.
     lines = []
     for suffix, reduce in reductions(method.num_samples).items():
         scores = {}

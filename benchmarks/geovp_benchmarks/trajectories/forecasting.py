@@ -84,6 +84,7 @@ def window_scores(
     poses = future.world_from_cam
     centre = forecaster.forecast(past, future.times_s)
     samples = forecaster.forecast(past, future.times_s, num_samples)
+    # Errors of the central forecast on the plane and over it.
     truth = states(poses, past)
     error = np.abs(states(centre[0], past) - truth)
     position_m = np.hypot(error[:, 0], error[:, 1])
@@ -94,6 +95,7 @@ def window_scores(
     for name, values in zip(names, error.T, strict=True):
         scores |= {name: values.mean(), f"{name} @1": values[0], f"{name} @{last}": values[-1]}
     scores["turned deg"] = np.degrees(np.unwrap(truth[:, 2])[-1])
+    # The best of several samples.
     if (samples != samples[0]).any():
         offsets_m = (samples - poses)[..., :3, 3] @ past.world_from_cam[-1, :3, :3]
         distances_m = np.linalg.norm(offsets_m[..., [0, 2]], axis=-1).mean(axis=1)
@@ -101,6 +103,7 @@ def window_scores(
         for count in (5, 10, 20):
             scores[f"ADE m, best of {count}"] = distances_m[:count].min()
             scores[f"rotation deg, best of {count}"] = np.degrees(angles_rad[:count].min())
+    # Calibration of a distribution: its density, and the fraction of states inside its regions.
     if isinstance(forecaster, PlanarForecaster):
         forecast = forecaster.distribution(past, future.times_s)
         on_plane = forecast.states_of(poses)
