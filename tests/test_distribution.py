@@ -6,8 +6,6 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-from email import message_from_bytes
-from email.message import Message
 from pathlib import Path
 
 import pytest
@@ -64,22 +62,6 @@ def test_the_sdist_holds_what_a_packager_needs(built: tuple[Path, Path]) -> None
         names = {name.partition("/")[2] for name in sdist.getnames()}
     assert {"LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt"} <= names
     assert not any(name.startswith("tests/") for name in names)
-
-
-def test_the_metadata_is_complete(built: tuple[Path, Path]) -> None:
-    with zipfile.ZipFile(built[1]) as wheel:
-        (path,) = (name for name in wheel.namelist() if name.endswith("/METADATA"))
-        metadata: Message = message_from_bytes(wheel.read(path))
-    assert metadata["Name"] == "geovp"
-    assert metadata["License-Expression"] == "Apache-2.0"
-    for field in (
-        "Author",
-        "Keywords",
-        "Classifier",
-        "Requires-Python",
-        "Description-Content-Type",
-    ):
-        assert metadata[field], field
 
 
 def test_the_index_accepts_both(built: tuple[Path, Path]) -> None:

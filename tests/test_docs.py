@@ -33,7 +33,6 @@ from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.running.task import build_matrix
 from geovp_classic import registry
-from tests import registered
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -327,18 +326,3 @@ def test_a_video_can_be_predicted(results: Path, tmp_path: Path) -> None:
     for line in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", line):
             assert (out / name).exists(), name
-
-
-def test_all_metrics_are_on_their_page() -> None:
-    page = (ROOT / "docs/concepts/metrics.md").read_text()
-    for role in ("frame_metrics", "trajectory_metrics"):
-        for name in registered.names(role):
-            assert f"| [`{name}`](#" in page, name
-
-
-def test_the_gallery_shows_all_its_methods_in_small_images() -> None:
-    names = re.findall(r'Shown\("([a-z-]+)"', (ROOT / "docs/gallery.py").read_text())
-    page = (ROOT / "docs/gallery.md").read_text()
-    images = re.findall(r"\((images/gallery/.*?)\)", page)
-    assert images == [f"images/gallery/{name}.webp" for name in names]
-    assert sum((ROOT / "docs" / image).stat().st_size for image in images) < 1_500_000

@@ -23,15 +23,6 @@ def test_links_lead_to_files(page: Path) -> None:
     assert len(links) > 5 or page.name != "README.md"
 
 
-def test_the_readme_is_short_and_begins_with_a_picture() -> None:
-    lines = (ROOT / "README.md").read_text().splitlines()
-    assert len(lines) <= 150
-    image = next(
-        re.findall(r"!\[.+\]\((.+)\)", line)[0] for line in lines[:40] if line.startswith("![")
-    )
-    assert (ROOT / image).stat().st_size < 500_000
-
-
 def rows(page: Path) -> dict[str, list[str]]:
     """Entries of a page's first table that has them by the first column, without bold; other
     columns may follow.

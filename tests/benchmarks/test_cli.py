@@ -11,7 +11,6 @@ import duckdb
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix
@@ -134,12 +133,6 @@ class TestScore:
         assert re.search(r"^[|] still +[|] +1 [|] +15[.]00 [|]", text, re.MULTILINE)
 
 
-def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["--version"])
-    assert re.fullmatch(r"geovp \d+\.\d+\.\d+\n", capsys.readouterr().out)
-
-
 def python(code: str, **more: Any) -> str:
     """What a new process prints that runs this code to its end."""
     ended = subprocess.run(
@@ -150,11 +143,6 @@ def python(code: str, **more: Any) -> str:
 
 
 class TestList:
-    def test_each_built_in_matrix_has_a_short_sentence(self, printed: Says) -> None:
-        lines = dict(line.split(": ", 1) for line in printed("list", "matrices").splitlines())
-        assert lines.keys() == {path.stem for path in CONFIGS.glob("*.toml")}
-        assert all(20 < len(sentence) < 120 for sentence in lines.values())
-
     def test_plug_ins_are_there_and_nothing_is_imported_for_them(self, toys: Path) -> None:
         heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "geovp_learned.lpips")
         lines = python(

@@ -40,23 +40,6 @@ class TestSettings:
         printed("run", written, "--out", tmp_path / "as-file", "--no-report")
         assert Results(tmp_path / "as-file").protocol()["id"] == results.protocol()["id"]
 
-    @pytest.mark.parametrize(
-        ("setting", "says"),
-        [
-            ("protocol.strid=3", "unknown key 'strid': did you mean 'stride'?"),
-            (
-                "pose_sources.stedy.step_m=1",
-                "[pose_sources] has no entry 'stedy': did you mean 'steady'?",
-            ),
-            ("protocol.stride", "is not KEY=VALUE"),
-            ("protocol.stride=[1", "is not a value as in TOML"),
-        ],
-    )
-    def test_a_mistake_is_2_and_says_what_is_meant(
-        self, tmp_path: Path, refused: Says, setting: str, says: str
-    ) -> None:
-        assert says in refused(*run(tmp_path, "--set", setting))
-
 
 class TestNames:
     def test_a_name_of_two_parts_and_a_component_that_is_only_named(self) -> None:
@@ -107,14 +90,6 @@ class TestDryRun:
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
-    def test_clips_of_an_earlier_run_are_stored_after_a_run_of_fewer(
-        self, tmp_path: Path, printed: Says
-    ) -> None:
-        printed(*run(tmp_path))
-        printed(*run(tmp_path, "--limit", "2"))
-        text = printed(*run(tmp_path, "--dry-run", "--keep", "0"))
-        assert "predictions: 0 to do, 10 stored" in text
-
 
 @pytest.mark.usefixtures("toys")
 class TestAmounts:
@@ -136,17 +111,6 @@ class TestAmounts:
         said = command(*run(tmp_path, "-v", "--fresh", other="toy-broken")).err
         assert "ZeroDivisionError: the road ended" in said.partition("Traceback")[2]
         assert "clip road/000: done" in said
-
-
-def test_the_page_of_a_component(printed: Says) -> None:
-    text = printed("list", "constant-velocity")  # two roles have one of that name
-    assert "constant-velocity (pose_sources)" in text
-    assert "constant-velocity (forecasters)" in text
-    assert "privileged inputs: past poses" in text
-    text = printed("list", "depth-fusion")
-    assert "from geovp_classic.renderers.depth_fusion:DepthFusion" in text
-    comment = "height of the crops for which settings were chosen"
-    assert f"\ndepth.tall_px = 256  # {comment}\n" in text
 
 
 @pytest.mark.parametrize("name", ["depth-fusion", "refined", "monocular", "motion-prior"])

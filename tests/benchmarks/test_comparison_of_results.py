@@ -53,22 +53,6 @@ def test_the_same_run_twice_differs_in_nothing(tmp_path: Path, explained: Explai
     ]
 
 
-def test_clips_frames_and_split_are_told(tmp_path: Path, explained: Explained) -> None:
-    a = folder(tmp_path / "a", {"clips": 3})
-    b = folder(tmp_path / "b", {"clips": 4}, {"num_future": 4, "size_px": [8, 16]})
-    lines = explained(a, b)
-    assert any(line.startswith("id: ") for line in lines)
-    assert "dataset.clips: 3 in A, 4 in B." in lines
-    assert 'clips.road/003: null in A, "present" in B.' in lines
-    assert "num_future: 2 in A, 4 in B." in lines
-    assert "size_px: [8, 8] in A, [8, 16] in B." in lines
-    # levels 1, 2 against 1, 2, 3, 4: means 1.5 and 2.5
-    (scores,) = (line for line in lines if line.startswith("toy difference"))
-    assert scores.startswith(
-        "toy difference: A 1.5000 on 3 clips, B 2.5000 on 4; A - B on the 3 common clips: -1"
-    )
-
-
 def test_two_rows_of_one_folder(tmp_path: Path, explained: Explained) -> None:
     sources = {f"at-{step_m:g}": {"name": "toy-steady", "step_m": step_m} for step_m in (1.5, 3.0)}
     made = folder(tmp_path / "a", pose_sources=sources, renderers={"slide": {"name": "toy-slide"}})

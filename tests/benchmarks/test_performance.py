@@ -71,11 +71,3 @@ def test_a_section_is_printed_with_its_ratios(capsys: pytest.CaptureFixture[str]
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "## solvers"
     assert sum(", pycolmap " in line and ", ratio " in line for line in lines) == 3
-
-
-@pytest.mark.parametrize(
-    "arguments", [["--rounds", "0"], ["--only", "nothing"], ["--kitti", "root"]]
-)
-def test_bad_arguments_exit_with_code_2(arguments: list[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(arguments)

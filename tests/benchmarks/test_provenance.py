@@ -10,7 +10,6 @@ from geovp_benchmarks.matrix.components import nested, weights_of
 from geovp_benchmarks.results.provenance import protocol_id
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
-from geovp_benchmarks.tables import formats, tables
 from tests.benchmarks.made import STILL, content, go
 
 PSNR = {
@@ -55,19 +54,6 @@ def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
     other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "methods": ["a"], "name": "other"}
     assert protocol_id(other) == protocol_id(PROTOCOL)
     assert len(protocol_id(PROTOCOL)) == 8
-
-
-@pytest.mark.usefixtures("toys")
-def test_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
-    go(tmp_path, content(predictors=STILL))
-    results = Results(tmp_path)
-    own = results.protocol()["id"]
-    table = tables.build(results)[0]
-    assert f"Protocol id {own}." in table.notes
-    assert [line.split(",")[3] for line in formats.comma_separated(table).splitlines()] == [
-        "protocol",
-        own,
-    ]
 
 
 @pytest.mark.usefixtures("toys")

@@ -372,10 +372,3 @@ def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> N
     for name, method in alone.items():
         assert (method.status, method.reason) == (together[name].status, together[name].reason)
         assert rows(tmp_path / "one", name) == rows(tmp_path / "two", name)
-
-
-def test_a_bad_clip_is_the_same_sentence_from_another_process(tmp_path: Path, toys: Path) -> None:
-    tables = content({"broken_clip": 0}, predictors=STILL)
-    (method,) = go(tmp_path, tables, executor=Processes(workers=1)).values()
-    [(clip, failure)] = method.scored.failures.items()
-    assert (clip, failure.reason) == ("road/000", "road/000.png is truncated: fetch it again")

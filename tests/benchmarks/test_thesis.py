@@ -77,29 +77,6 @@ def test_samples_are_scored_by_the_best_of_each_column(results: Results) -> None
     assert rows["SVG - 4 Samples"] == ["15.250 ± 0.250", "-", "0.122 ± 0.003"]
 
 
-MARKDOWN = """
-| SVG - 1 Sample           |     - |     12.244 ± 0.076 |     0.396 ± 0.003 |     0.663 ± 0.004 |
-| SVG - 100 Samples        |     - |     12.268 ± 0.076 |     0.397 ± 0.003 |     0.661 ± 0.004 |
-| SRVP - 1 Sample          |     - |     12.482 ± 0.068 |     0.407 ± 0.003 |     0.727 ± 0.003 |
-| SRVP - 100 Samples       |     - | **13.504** ± 0.070 | **0.433** ± 0.003 |     0.698 ± 0.003 |
-| SLAMP - 1 Sample         |     - |     12.539 ± 0.080 |     0.402 ± 0.003 |     0.595 ± 0.004 |
-| SLAMP - 100 Samples      |     - |     12.714 ± 0.082 |     0.408 ± 0.003 |     0.588 ± 0.004 |
-| Ours                     |     - |     11.301 ± 0.091 |     0.337 ± 0.004 | **0.452** ± 0.006 |
-| GT 2D Pose + SynSin [pf] |     - |     12.727 ± 0.108 |     0.386 ± 0.004 |     0.380 ± 0.006 |
-| GT 3D Pose + SynSin [pf] |     - |     12.897 ± 0.107 |     0.393 ± 0.004 |     0.380 ± 0.006 |
-"""  # the thesis's page, its bold numbers included
-
-
-def test_published_numbers_stand_apart_with_their_source(results: Results) -> None:
-    ours, theirs = blocks(results)
-    assert "## Published, not measured here" in theirs
-    assert MARKDOWN in theirs
-    assert "Table 4.1 of the thesis" in theirs
-    assert "13.504" not in ours
-    tex = formats.latex(published.build(results, "thesis")[1])
-    assert r"SRVP - 100 Samples & - & \textbf{13.504} $\pm$ 0.070 & \textbf{0.433} $\pm$" in tex
-
-
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])
 def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) -> None:
     own = schema.read(Path(name))

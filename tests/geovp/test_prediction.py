@@ -153,14 +153,6 @@ def test_mistakes_get_one_sentence_and_leave_nothing(
     assert not any(tmp_path.iterdir())
 
 
-def test_two_sources_of_the_camera_are_refused(
-    images: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        cli.main(predict(images, "--fov 90"))
-    assert "--fov: not allowed with argument --intrinsics" in capsys.readouterr().err
-
-
 def test_a_folder_with_something_in_it_is_not_written_over(
     images: Path, tmp_path: Path, refused: Says
 ) -> None:
@@ -306,27 +298,6 @@ def test_a_camera_that_only_turns_is_not_called_stationary(
     warnings = [*prediction.predict(request).warnings()]
     assert any(says in each for each in warnings)
     assert sum("stationary" in each or "turns" in each for each in warnings) == 1
-
-
-def test_the_forecaster_and_what_is_shown_get_one_line_each(written: Path, images: Path) -> None:
-    # With a camera height the street is a drive in metres, for which the motion prior is preferred
-    about = json.loads((written / "predict.json").read_text())
-    assert about["forecaster"]["name"] == "motion-prior"
-    given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = PredictionRequest(
-        images, given, frame_rate_hz=10.0, first=0, num_past=8, num_future=2, size_px=(96, 96)
-    )
-    predicted = prediction.predict(request)
-    assert predicted.about()["forecaster"]["name"] == "persistent-turn"
-    assert "forecast by persistent-turn" in predicted.summary()
-    about, lines = predicted.about(), predicted.summary()
-    assert about["shown_by"] == "geometry"
-    assert about["hindcast_errors"]["geometry"] < about["hindcast_errors"]["last-frame"]
-    assert predicted.prediction.covered is not None
-    seen = predicted.prediction.covered.mean()
-    assert seen > 0.9
-    assert f"shown by geometry, {seen:.0%} of the pixels were seen" in lines
-    assert not any(line.startswith("mask: ") for line in lines)
 
 
 def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:

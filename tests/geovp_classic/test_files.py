@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_benchmarks.tables.formats import escape
 from geovp_classic import files
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.frames import image_frames
@@ -61,18 +60,6 @@ def test_python_notation_is_not_a_number_in_a_pose_file(tmp_path: Path) -> None:
             pose_files.read_times(tmp_path / "times.txt")
     (tmp_path / "times.txt").write_text("-.5\n1.\n2E+3\n7000\n")
     assert pose_files.read_times(tmp_path / "times.txt").tolist() == [-0.5, 1.0, 2000.0, 7000.0]
-
-
-@given(st.text(max_size=60))
-def test_text_is_escaped_in_latex(text: str) -> None:
-    plain = escape(text)
-    for name in ("textbackslash", "textasciitilde", "textasciicircum", "textless", "textbar"):
-        plain = plain.replace(f"\\{name}{{}}", "")
-    for command in (r"\textgreater{}", r"$\pm$", r"$\uparrow$", r"$\downarrow$"):
-        plain = plain.replace(command, "")
-    for letter in "&%_#${}":
-        plain = plain.replace(f"\\{letter}", "")
-    assert not set(plain) & set("\\&%_#${}~^")
 
 
 @given(st.text(max_size=40), st.sampled_from(["", "/", "../", "a/../../"]))

@@ -171,26 +171,6 @@ def test_depth_ranges_come_from_the_options(tmp_path: Path) -> None:
     assert architecture["depth_range"] == [1.0, 100.0]
 
 
-@pytest.mark.parametrize(
-    ("method", "write", "says"),
-    [
-        ("synsin", lambda path: synsin_file(path, accumulation="wsum"), "another accumulation"),
-        ("synsin", svg_file, "no state_dict and opts"),
-        ("svg", slamp_file, "has no encoder, decoder, posterior, prior"),
-        ("slamp", lambda path: slamp_file(path, motion_skip=True), "other skip connections"),
-        ("srvp", slamp_file, "config.json does not fit"),
-        ("svg", lambda path: path.write_bytes(b"no pickle"), "is not a file of torch.save"),
-    ],
-)
-def test_other_files_are_refused_in_a_sentence(
-    method: str, write: Callable[[Path], Any], says: str, tmp_path: Path
-) -> None:
-    write(tmp_path / "theirs.pth")
-    with pytest.raises(BadData, match=says):
-        convert(tmp_path / "theirs.pth", method, tmp_path / "ours.safetensors")
-    assert not (tmp_path / "ours.safetensors").exists()
-
-
 def test_shapes_are_checked(tmp_path: Path) -> None:
     network = svg_file(tmp_path / "theirs.pth")
     network.prior.embed = nn.Linear(3, 8)

@@ -8,7 +8,7 @@ import pytest
 from torch import nn
 
 from geovp_classic import registry
-from geovp_learned import checkpoints, methods, model_cards, training_config, training_log
+from geovp_learned import checkpoints, methods, model_cards, training_config
 from geovp_learned.__main__ import main
 from geovp_learned.training_config import Training
 
@@ -40,56 +40,6 @@ def written(folder: Path, history: object) -> Path:
     file = folder / "weights.safetensors"
     checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)
     return file
-
-
-def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path) -> None:
-    text = model_cards.model_card(written(tmp_path, HISTORY))
-    assert text.startswith("# Weights of toy\n")
-    for said in (
-        "- 8 numbers in 0.00 MB",  # 3 x 2 and 2
-        "after 30 of 40 steps of 4 examples and 12.5 s",
-        "- seed 3, warm-up 5 steps, precision 32-true",
-        "- `kitti`: split train; SHA-256 of its ranges `abc123`",
-        "- `synthetic`: seed 7\n",
-        "## Validated on\n\n- `kitti`: split val; SHA-256 of its ranges `def456`",
-        "- score: 1.235",
-        '"rate": 0.5',
-    ):
-        assert said in text
-
-
-@pytest.mark.parametrize(
-    ("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)]
-)
-def test_kittis_licence_goes_with_weights_trained_on_it(
-    tmp_path: Path, names: tuple[str, ...], licensed: bool
-) -> None:
-    text = model_cards.model_card(
-        written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]})
-    )
-    assert ("CC BY-NC-SA 3.0" in text) == licensed
-
-
-def test_curves_have_a_row_for_each_validation(tmp_path: Path) -> None:
-    (logger, *_) = training_log.loggers(tmp_path, 0)
-    for step, loss in ((20, 4.0), (40, 2.0), (60, 1.0)):
-        logger.log_metrics({"seconds": step / 10, "train/total": loss}, step)
-        if step != 20:
-            scores = {"validation/score": loss / 2, "validation/psnr": 20.0}
-            logger.log_metrics({"seconds": step / 10, **scores}, step)
-    logger.save()
-    card = model_cards.model_card(written(tmp_path, HISTORY), tmp_path / training_log.FILE)
-    assert (
-        """## Curves
-
-| step | seconds | validation/score | validation/psnr | train/total |
-| --: | --: | --: | --: | --: |
-| 40 | 4 | 1 | 20 | 2 |
-| 60 | 6 | 0.5 | 20 | 1 |
-
-## Licence"""
-        in card
-    )
 
 
 @pytest.mark.parametrize(

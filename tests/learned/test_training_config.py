@@ -84,36 +84,6 @@ def test_the_command_trains_and_resumes(
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        (
-            "num_past",
-            "num_pasts",
-            "method: 'DeepVoTraining' has no field 'num_pasts': did you mean 'num_past'?",
-        ),
-        ("[[train]]", "[[trane]]", "'config' has no field 'trane': did you mean 'train'?"),
-        ("$GEOVP_TEST_RECIPE_ROOT", "$GEOVP_NOT_SET", "$GEOVP_NOT_SET holds no folder"),
-        ("[training]", "[training", "is not a training config (Expected ']'"),
-    ],
-)
-def test_a_mistake_is_2_and_one_sentence(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    kitti: Path,
-    old: str,
-    new: str,
-    says: str,
-) -> None:
-    monkeypatch.setenv("GEOVP_TEST_RECIPE_ROOT", str(kitti))
-    file = written(tmp_path, CONFIG.replace(old, new))
-    assert main(["train", "deepvo", str(file), "--out", str(tmp_path / "run")]) == 2
-    complaint = capsys.readouterr().err
-    assert says in complaint
-    assert complaint.count("\n") == 1
-
-
 VARIED = (
     CONFIG
     + """
@@ -169,13 +139,6 @@ def test_every_shipped_config_is_sound(name: str, tmp_path: Path) -> None:
     assert (f"{name}.train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (
         size != "toy"
     )
-
-
-def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path) -> None:
-    config = training_config.load("deepvo", written(tmp_path), kitti)
-    (table,) = training_config.describe(config.train)
-    assert "root" not in table
-    assert len(table["split_hash"]) == 64
 
 
 def test_two_processes_learn_as_one_and_need_neither_open3d_nor_pycolmap(

@@ -39,7 +39,7 @@ ARGUMENTS = {
             dest="limit_s",
         ),
         "--fresh": "Recompute results of other versions of the code.",
-        "--dry-run": "Print what would be computed, with time and size, only.",
+        "--dry-run": "Print what would be computed and about how long, only.",
     },
     "output": {
         **shared("--keep"),

@@ -6,7 +6,6 @@ import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.checks import kitti_archives
-from geovp_benchmarks.matrix import papers
 
 
 def test_odometry_names_what_each_sequence_lacks(tmp_path: Path) -> None:
@@ -53,10 +52,3 @@ def test_the_drives_of_a_protocol_are_named(
 )
 def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) -> None:
     assert cli.main(["doctor", str(tmp_path), "--protocol", protocol]) == code
-
-
-@pytest.mark.parametrize("protocol", ["srvp20", "fvs20"])
-def test_the_size_of_each_drive_of_a_protocol_is_known(protocol: str, tmp_path: Path) -> None:
-    archives = kitti_archives.missing_raw(tmp_path, papers.load(protocol).dataset["sequences"])
-    assert len(archives) > 4
-    assert all(archive.size[-2:] in ("kB", "MB", "GB") for archive in archives)

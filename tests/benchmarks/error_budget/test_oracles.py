@@ -77,20 +77,6 @@ def test_an_angle_turns_the_camera_in_place(
     np.testing.assert_array_equal(mixed[:, :3, 3], FORECAST[:, :3, 3])
 
 
-@pytest.mark.parametrize(
-    ("stage", "step"),
-    [("across", (1.2, 0, 1)), ("along", (0, 0, 1.6))],  # the truth makes 2 m along (0.6, 0.8)
-)
-def test_positions_along_and_across_are_separate(stage: str, step: tuple[float, ...]) -> None:
-    positions = mixed_poses(FORECAST, REAL, frozenset({stage}))[:, :3, 3]
-    np.testing.assert_allclose(positions, np.outer(range(1, 5), step), atol=1e-12)
-
-
-def test_height_changes_the_height_alone() -> None:
-    positions = mixed_poses(FORECAST, REAL, frozenset({"height"}))[:, :3, 3]
-    np.testing.assert_allclose(positions, [[0, -0.2, z] for z in range(1, 5)], atol=1e-12)
-
-
 @dataclass(frozen=True)
 class HalfScale:
     """The recorded positions at half their size."""

@@ -54,15 +54,6 @@ def test_quantiles_of_students_t_are_those_of_scipy(degrees: int) -> None:
         assert student_quantile(degrees, fraction) == pytest.approx(expected, rel=2e-6)
 
 
-def test_independent_values_get_about_students_interval() -> None:
-    values = np.random.default_rng(0).normal(5.0, 2.0, 400)
-    found = BlockBootstrap().interval(values, clips(400))
-    low, high = stats.t.interval(0.95, 399, values.mean(), values.std(ddof=1) / 20)
-    assert found.mean == pytest.approx(values.mean())
-    assert found.high - found.low == pytest.approx(high - low, rel=0.2)
-    assert 250 < found.effective_clips <= 400
-
-
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
     values = (
         np.random.default_rng(4).normal(size=10).repeat(2)
@@ -99,14 +90,6 @@ def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
     assert np.isnan(BlockBootstrap().interval(np.array([np.nan]), clips(1)).mean)
 
 
-def test_the_same_seed_gives_the_same_interval() -> None:
-    values = np.random.default_rng(3).normal(size=36)
-    first, again = (BlockBootstrap().interval(values, clips(36)) for _ in range(2))
-    assert first == again == BlockBootstrap(seed=0).interval(values, clips(36))
-    assert first != BlockBootstrap(seed=1).interval(values, clips(36))
-    assert first.low < first.mean < first.high
-
-
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
     names = ("03/000180", "a/b/7", "7", "03/000190")
     assert sequences_of(names).tolist() == [1, 2, 0, 1]
@@ -137,13 +120,6 @@ class TestAutocorrelationTime:
         correlation = 101 / 299 + 198 / 299 * tau / 300
         assert tau == pytest.approx((1 + correlation) / (1 - correlation), rel=1e-4)
         assert visible == 1
-
-    def test_a_trend_is_worth_four_values(self) -> None:
-        for count in (16, 40, 400):
-            assert (
-                BlockBootstrap().interval(np.arange(float(count)), clips(count)).effective_clips
-                == 4
-            )
 
     def test_equal_alternating_or_few_values_are_independent(self) -> None:
         for values in (np.full(30, 0.1), np.tile([1.0, -1.0], 15), np.arange(3.0)):

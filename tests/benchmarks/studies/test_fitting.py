@@ -45,14 +45,6 @@ def drive(rates: FloatArray) -> Trajectory:
     return Trajectory(np.stack(poses), np.arange(len(poses)) * STEP_S, is_metric=True)
 
 
-def test_a_car_in_town_is_drivable() -> None:
-    assert drivable_steps(drive(twists(400))).all()
-
-
-def test_standing_still_is_drivable() -> None:
-    assert drivable_steps(drive(np.zeros((50, 6)))).all()
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
     rates = twists(400)
@@ -61,19 +53,6 @@ def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
     assert not usable[201:205].any()
     assert usable[:195].all()
     assert usable[211:].all()
-
-
-def test_a_jump_ahead_is_found_at_both_ends() -> None:
-    rates = twists(400)
-    rates[200, 2] += 1.2
-    usable = drivable_steps(drive(rates))
-    np.testing.assert_array_equal(np.flatnonzero(~usable), [200, 201])
-
-
-def test_braking_for_a_light_is_drivable() -> None:
-    rates = np.zeros((80, 6))
-    rates[:, 2] = np.interp(np.arange(80) * STEP_S, [2.0, 5.0], [12.0, 0.0])  # 4 m/s^2
-    assert drivable_steps(drive(rates)).all()
 
 
 def test_training_windows_avoid_undrivable_steps() -> None:

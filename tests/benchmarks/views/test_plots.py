@@ -12,7 +12,7 @@ from matplotlib.text import Text
 
 from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
-from geovp_benchmarks import cli, plots
+from geovp_benchmarks import plots
 from geovp_benchmarks.plots import Options, horizon, style
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
@@ -269,21 +269,8 @@ class TestPaper:
         boxes += [panel.get_window_extent() for panel in page.figure.axes]
         assert not [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)]
 
-    @pytest.mark.parametrize("text", ["3in", "1"])
-    def test_a_bad_width_is_refused(
-        self, folder: Path, capsys: pytest.CaptureFixture[str], text: str
-    ) -> None:
-        with pytest.raises(SystemExit):
-            cli.main(["plot", str(folder), "--width", text])
-        assert text in capsys.readouterr().err
-
 
 def test_colour_encodes_the_pose_source_and_dash_the_renderer() -> None:
     a_r, a_q, b_r, b_q = style.line_styles([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
     assert a_r["color"] == a_q["color"] != b_r["color"] == b_q["color"]
     assert a_r["linestyle"] == b_r["linestyle"] != a_q["linestyle"] == b_q["linestyle"]
-
-
-def test_twelve_predictors_differ_in_one_of_nine_colours_or_in_dash() -> None:
-    looks = style.line_styles([(name, "") for name in "abcdefghijkl"])
-    assert len({(int(look["color"][1:]) % 9, look["linestyle"]) for look in looks}) == 12

@@ -80,14 +80,3 @@ def test_what_is_covered_or_has_no_texture_is_lost() -> None:
     assert kept[PIXELS[:, 0] > 155].all()
     flat = np.full_like(TEXTURE, 90)
     assert not track_points((flat, flat), PIXELS, PIXELS, 15)[1].any()
-
-
-def test_how_far_off_the_way_back_may_end_is_the_callers() -> None:
-    now = cv2.add(
-        shifted(2, 0), np.random.default_rng(2).integers(0, 10, TEXTURE.shape, dtype=np.uint8)
-    )
-    loose, tight = (
-        track_points((TEXTURE, now), PIXELS, PIXELS, 15, max_return_px=px)[1] for px in (0.5, 1e-4)
-    )
-    assert loose.all()
-    assert tight.sum() < 3

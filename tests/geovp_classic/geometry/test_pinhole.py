@@ -34,14 +34,6 @@ def test_unproject_undoes_project(camera: Intrinsics, point: np.ndarray) -> None
     np.testing.assert_allclose(pinhole.unproject(pixel, depth, camera), point, rtol=1e-9, atol=1e-8)
 
 
-@given(cameras(), points)
-def test_project_is_the_matrix_product(camera: Intrinsics, point: np.ndarray) -> None:
-    homogeneous = camera.matrix @ point
-    np.testing.assert_allclose(
-        pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9
-    )
-
-
 @given(cameras(), points, st.integers(0, 10), st.integers(0, 10))
 def test_cropping_shifts_pixels(
     camera: Intrinsics, point: np.ndarray, left_px: int, top_px: int
@@ -49,17 +41,6 @@ def test_cropping_shifts_pixels(
     cropped = camera.cropped(left_px, top_px, camera.width_px, camera.height_px)
     shift = pinhole.project(point, camera)[0] - pinhole.project(point, cropped)[0]
     np.testing.assert_allclose(shift, [left_px, top_px], atol=1e-6)
-
-
-@given(cameras(), points, sizes, sizes)
-def test_resizing_keeps_edges_on_edges(
-    camera: Intrinsics, point: np.ndarray, width_px: int, height_px: int
-) -> None:
-    scale = np.array([width_px / camera.width_px, height_px / camera.height_px])
-    before, after = (
-        pinhole.project(point, c)[0] for c in (camera, camera.resized(width_px, height_px))
-    )
-    np.testing.assert_allclose(after, (before + 0.5) * scale - 0.5, rtol=1e-9, atol=1e-6)
 
 
 def test_points_behind_have_no_pixel() -> None:
@@ -148,10 +129,3 @@ def test_grey_weighs_the_colours_as_television_does() -> None:
     found = pinhole.grey(primaries)  # ITU-R BT.601: 0.299, 0.587, 0.114
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, [[59.8, 117.4, 22.8, 255]], atol=0.51)
-
-
-def test_rays_are_shared_and_read_only() -> None:
-    camera = Intrinsics(80, 90, 31.5, 23.5, 64, 48)
-    assert pinhole.rays(camera) is pinhole.rays(camera)
-    with pytest.raises(ValueError, match="read-only"):
-        pinhole.rays(camera)[0] = 0

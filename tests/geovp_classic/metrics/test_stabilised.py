@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_classic import registry
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr, Ssim
 from geovp_classic.metrics.stabilised import Stabilised, turned
@@ -126,11 +125,3 @@ def test_pixels_outside_the_prediction_are_masked() -> None:
     behind, unseen = turned_by(heavens(looking()), looking(right_rad=np.pi), looking())
     assert not unseen.any()
     assert np.isnan(Stabilised()(behind, view, unseen)[0])
-
-
-def test_the_protocol_names_the_inner_metric() -> None:
-    metric = registry.build("frame_metrics", {"name": "stabilised", "metric": {"name": "ssim"}})
-    assert metric == Stabilised(Ssim())
-    assert (metric.unit, metric.higher_is_better) == ("", True)
-    assert metric.protocol.startswith("Wang 2004")
-    assert "- where a method predicts no camera" in metric.protocol

@@ -91,13 +91,6 @@ def test_a_change_below_a_third_of_a_grey_value_is_a_duplicate(
     assert usable(np.concatenate([film[:1] // 2, again, changed])).tolist() == [True, True, is_kept]
 
 
-def test_two_frames_are_enough(film: ByteArray) -> None:
-    film[[0, 2, 3, 4, 5, 6]] = 0
-    assert np.flatnonzero(usable(film)).tolist() == [1, 7]
-    film[7] = 0
-    assert usable(film).all()
-
-
 @pytest.fixture(scope="module")
 def street() -> ByteArray:
     """Ten frames of a drive round a corner."""
@@ -111,12 +104,6 @@ def test_frames_before_a_cut_are_unusable(street: ByteArray, cut: int) -> None:
     np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
     frames[0] = 0  # a black frame more changes nothing
     np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
-
-
-def test_the_last_of_two_cuts_counts(street: ByteArray) -> None:
-    frames = street.copy()
-    frames[3:6] = frames[3:6, :, ::-1]
-    np.testing.assert_array_equal(usable(frames), np.arange(10) >= 6)
 
 
 def test_a_turn_one_bad_frame_and_a_jump_of_the_exposure_are_no_cuts(street: ByteArray) -> None:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
-from geovp_classic.observation import observations_of, recent
+from geovp_classic.observation import observations_of
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import (
     Context,
@@ -51,16 +50,6 @@ def test_pixels_are_finer_than_the_square_s_where_there_are_such(
     )[0]
     first = (whole.frames.shape[2] - height_px) / 2 - 0.5, -0.5  # the square lies in the middle
     np.testing.assert_allclose(edge, first, atol=1e-9)
-
-
-def test_what_cannot_be_done_is_refused() -> None:
-    context = noise_context()
-    with pytest.raises(Incompatible, match="the clip has none"):
-        uncropped(dataclasses.replace(context, full=None))
-    with_depths = dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32))
-    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
-    with pytest.raises(Incompatible, match="the crop only"):
-        recent(with_depths, past, "full", 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,8 +96,3 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     }
     assert error["full"] < 5
     assert error["crop"] > 30
-
-
-def test_sizes_between_pixels_are_rounded() -> None:
-    # a square of 33 pixels for 80: one and a half times as fine is 200 * 49.5 / 80 = 123.75 by 49.5
-    assert uncropped(noise_context(33)).frames.shape == (2, 50, 124, 3)

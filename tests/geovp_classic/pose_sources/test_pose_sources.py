@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 import street
 
-from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting import constant
-from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseSource
-from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.constant_turn import ConstantTurn
@@ -133,9 +130,3 @@ def test_chained_keeps_a_single_one_of_equal_samples() -> None:
     equal = Chained(RecordedPast(), constant.Hold()).estimate(context(drive()), num_samples=5)
     assert len(different.futures) == 5
     assert len(equal.futures) == 1
-
-
-def test_the_default_of_chained_needs_no_recorded_poses() -> None:
-    source = registry.build("pose_sources", "chained")
-    assert source == Chained(Monocular(), MotionPrior())
-    assert source.needs == PrivilegedInput.CAMERA_HEIGHT

@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.depth.multiview import Multiview
-from geovp_classic.depth.stereo import Stereo
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Clip, Context, PrivilegedInput, Trajectory
 
@@ -15,24 +12,6 @@ def street(index: int) -> tuple[Clip, Context, Trajectory]:
     context, _ = clip.split(10, PrivilegedInput.NONE)
     assert clip.trajectory is not None
     return clip, context, clip.trajectory[:10]
-
-
-def test_all_settings_have_defaults() -> None:
-    assert registry.build("renderers", {"name": "depth-fusion"}) == DepthFusion(Multiview())
-    assert DepthFusion().needs == PrivilegedInput.NONE
-    assert DepthFusion(Stereo()).needs == PrivilegedInput.RIGHT_FRAMES
-
-
-def test_nested_settings_are_built_from_tables() -> None:
-    table = {
-        "name": "depth-fusion",
-        "detail": "none",
-        "exposure": {"inertia_s": 0.2},
-    }
-    renderer = registry.build("renderers", table)
-    assert renderer.detail is None
-    assert renderer.exposure.inertia_s == 0.2
-    assert registry.build("renderers", registry.describe(renderer)) == renderer
 
 
 def test_the_last_pose_shows_the_last_frame() -> None:

@@ -1,12 +1,9 @@
 """The ground and far plane on a plain under the sky, whose views are known exactly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.nearest_background import NearestBackground
@@ -127,13 +124,3 @@ def test_a_camera_below_the_ground_sees_the_sky_only() -> None:
     views = scene.view(sunken[None], np.zeros(1), CAMERA)
     assert not views.covered[0, 61:].any()
     assert views.covered[0, :60].all()
-
-
-def test_missing_inputs_are_refused() -> None:
-    clip = film(DRIVE)
-    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
-    past = clip.trajectory[:NUM_PAST]
-    with pytest.raises(Incompatible, match="set camera_height_m"):
-        GroundFarPlane().reconstruct(replace(context, camera_height_m=None), past)
-    with pytest.raises(Incompatible, match="give the odometry a scale"):
-        GroundFarPlane().reconstruct(context, replace(past, is_metric=False))

@@ -18,10 +18,6 @@ def test_wide_blur_nearly_equals_a_gaussian_blur(sigma_px: float) -> None:
     assert difference.mean() < 0.3 * expected.std() + 0.1
 
 
-def test_wide_blur_of_a_tiny_image() -> None:
-    assert wide_blur(np.ones((1, 3), np.float32), 8.0).shape == (1, 3)
-
-
 def test_detail_is_added_only_where_magnification_removed_it() -> None:
     observed = np.random.default_rng(1).integers(60, 200, (48, 64, 3), dtype=np.uint8)
     magnification = np.ones((1, 48, 64), np.float32)

@@ -1,7 +1,6 @@
 """Commanded motion is made of arcs."""
 
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import planar, se3
 from geovp_classic.streaming import Command
@@ -34,9 +33,3 @@ def test_the_first_command_is_valid_before_its_time_and_old_ones_are_not() -> No
     np.testing.assert_allclose(states([Command(5.0, 2.0, 0.0)], [1.0])[:, 1], [2.0])
     commands = [Command(0.0, 50.0, 0.0), Command(1.0, 2.0, 0.0)]
     np.testing.assert_allclose(states(commands, [3.0], start_s=2.0)[:, 1], [2.0])
-
-
-@pytest.mark.parametrize("yaw_rate", [0.0, 1e-9])
-def test_reversing_straight(yaw_rate: float) -> None:
-    end = states([Command(0.0, -1.5, yaw_rate)], [0.0, 2.0])
-    np.testing.assert_allclose(end, [[0, 0, 0], [0, -3.0, 0]], atol=1e-6)

@@ -13,7 +13,7 @@ import pytest
 import street
 
 from geovp_classic import registry
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.streaming import Command, LivePredictor, LiveSettings, LiveView
 from geovp_classic.types import ByteArray, Clip, FloatArray, Trajectory
@@ -234,12 +234,3 @@ def test_without_its_height_a_camera_has_no_path_and_no_commands(clip: Clip) -> 
     assert len(view.path_px) == 0
     with pytest.raises(Incompatible, match="give the camera"):
         live.view(clip.times_s[12], [Command(0.0, 1.0, 0.0)])
-
-
-def test_bad_input_is_explained(live: LivePredictor, clip: Clip) -> None:
-    with pytest.raises(BadData, match="resize it"):
-        live.push(clip.frames[0, ::2], 30.0)
-    with pytest.raises(BadData, match="expected seconds"):
-        live.push(clip.frames[0], float("nan"))
-    with pytest.raises(BadData, match="sort them"):
-        live.view(clip.times_s[10], [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)])

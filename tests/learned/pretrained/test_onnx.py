@@ -9,7 +9,6 @@ import pytest
 import street
 
 from geovp_classic import registry
-from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput, Views
 
 pytest.importorskip("onnx", reason="needs the extra 'onnx'")
@@ -70,23 +69,3 @@ def test_holes_are_inpainted_and_covered_pixels_stay(
     np.testing.assert_array_equal(inpainted[0][covered[0]], 200)
     np.testing.assert_array_equal(inpainted[0, 12:20, 12:20], 51)
     np.testing.assert_array_equal(inpainted[1], last)
-
-
-def test_files_that_do_not_fit_are_refused(tmp_path: Path, write_onnx: Callable[..., Path]) -> None:
-    def build(path: Path, **settings: Any) -> Any:
-        return registry.build("depth_sources", {"name": "onnx", "path": str(path), **settings})
-
-    frames = np.zeros((1, 8, 8, 3), np.uint8)
-    free = write_onnx(tmp_path / "free.onnx", {"image": [1, 3, "h", "w"]})
-    with pytest.raises(BadData, match="give size_px"):
-        build(free).predict(frames)
-    with pytest.raises(BadData, match="cuda"):
-        build(free, device="cuda")
-    with pytest.raises(BadData, match="fingerprint"):
-        build(free, fingerprint="0" * 12)
-    grey = write_onnx(tmp_path / "grey.onnx", {"image": [1, 1, 8, 8]})
-    with pytest.raises(BadData, match="3, H, W"):
-        build(grey).predict(frames)
-    (tmp_path / "damaged.onnx").write_bytes(free.read_bytes()[:40])
-    with pytest.raises(BadData, match="whole ONNX file"):
-        build(tmp_path / "damaged.onnx")
