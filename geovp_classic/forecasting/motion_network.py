@@ -111,14 +111,16 @@ def damped_turn(
     change = (last - past[:, -1 - num_recent, None]) / num_recent  # per step
     speeds = last + change * np.arange(num_steps + 1)
     speeds[speeds * last < 0] = 0.0  # braking ends at rest
-    # A turn that decays exponentially.
+    chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
+    # A turn that decays exponentially and ends with the motion. A camera that turns without any
+    # speed goes on turning: it is not in a vehicle.
     turn_rate = twists[:, -num_recent:, Axis.YAW].mean(axis=1)
     decay = turn_decay ** np.arange(1, num_steps + 1)
     turns = turn_rate[:, None] * decay * step_s
+    turns[(chord == 0) & (last != 0)] = 0.0
     # Each step is a chord of its arc.
     yaw = np.cumsum(turns, axis=1)
     chord_yaw = yaw - turns / 2
-    chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
     x = np.cumsum(chord * np.sin(chord_yaw), axis=1)
     z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
     return np.stack([x, z, yaw], axis=-1)

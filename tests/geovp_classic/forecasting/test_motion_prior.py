@@ -151,13 +151,22 @@ def test_the_packaged_coefficients_name_their_licence() -> None:
         assert "CC BY-NC-SA 3.0" in str(arrays["licence"])
 
 
-def test_the_damped_turn_brakes_to_rest_and_its_turn_rate_decays() -> None:
+def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:
     twists = np.zeros((1, 9, 6))
     twists[0, :, 2] = np.linspace(2.6, 1.0, 9)  # 0.2 m/s per step slower: rest after five steps
     twists[0, :, 4] = 0.5
     path = motion_network.damped_turn(twists, 0.1, 10)[0]
-    np.testing.assert_allclose(path[6:, :2], path[6, :2][None].repeat(4, 0))
-    np.testing.assert_allclose(np.diff(path[:, 2])[1:] / np.diff(path[:, 2])[:-1], 0.95)
+    # Five steps turn by .5 rad/s * .1 s, each by .95 of the one before.
+    np.testing.assert_allclose(np.diff(path[:5, 2]), 0.05 * 0.95 ** np.arange(2, 6))
+    np.testing.assert_allclose(path[5:], path[4][None].repeat(5, 0), atol=1e-12)
+
+
+def test_a_turn_without_speed_goes_on_and_decays() -> None:
+    twists = np.zeros((1, 9, 6))
+    twists[0, :, 4] = 0.5
+    path = motion_network.damped_turn(twists, 0.1, 10)[0]
+    np.testing.assert_allclose(path[:, :2], 0.0)
+    np.testing.assert_allclose(path[:, 2], np.cumsum(0.05 * 0.95 ** np.arange(1, 11)))
 
 
 def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
