@@ -11,6 +11,9 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 from geovp_classic.types.arrays import rotation_defect
 
+# [e]x of the three axes e, the generators of rotations, as rows of nine entries
+GENERATORS = -np.cross(np.eye(3)[:, None], np.eye(3)).reshape(3, 9)
+
 
 def inverse(b_from_a: FloatArray) -> FloatArray:
     """Return a_from_b [..., 4, 4] as (R', -R't)."""
@@ -111,7 +114,7 @@ def orthonormalised(
 
 def cross_matrix(vector: FloatArray) -> FloatArray:
     """Return [v]x [..., 3, 3] of vectors [..., 3], with [v]x u = v x u."""
-    return np.cross(np.eye(3), vector[..., None, :])
+    return (vector @ GENERATORS).reshape(*vector.shape, 3)
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:

@@ -107,11 +107,9 @@ class TwoViewEstimator:
         # Inliers of the refined motion
         distance, _ = sampson_distances(rays_a, rays_b, b_from_a)
         shift = parallax(b_from_a, rays_a, rays_b)
-        essential = se3.cross_matrix(b_from_a[:3, 3]) @ b_from_a[:3, :3]
-        mask = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)[3]
         # Points behind a camera are outliers, unless their rays are parallel within the noise:
         # those meet in front or behind by chance
-        in_front = (mask[:, 0] > 0) | (shift < max_error)
+        in_front = are_in_front(rays_a, rays_b, b_from_a) | (shift < max_error)
         inliers = in_front & (np.abs(distance) < max_error)
         if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):
             return None
@@ -128,6 +126,20 @@ def parallax(b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray) -> Fl
     rotated = homogeneous(rays_a) @ b_from_a[:3, :3].T
     depth = np.where(rotated[:, 2:] > 1e-6, rotated[:, 2:], np.nan)
     return np.linalg.norm(rotated[:, :2] / depth - rays_b, axis=1)
+
+
+def are_in_front(rays_a: FloatArray, rays_b: FloatArray, b_from_a: FloatArray) -> BoolArray:
+    """Return which rays [N, 2] meet in front of both cameras.
+
+    Their depths p and q solve q b = p R a + t, hence p (Ra x b) = b x t and q (Ra x b) = Ra x t.
+    """
+    a = homogeneous(rays_a) @ b_from_a[:3, :3].T
+    b = homogeneous(rays_b)
+    across_t = se3.cross_matrix(b_from_a[:3, 3])  # v @ across_t is v x t
+    normal = np.cross(a, b)
+    depth_a = (b @ across_t * normal).sum(axis=1)
+    depth_b = (a @ across_t * normal).sum(axis=1)
+    return (depth_a > 0) & (depth_b > 0)
 
 
 def best_rotation(
@@ -174,7 +186,7 @@ def sampson_distances(
     distance = (b * line_b).sum(axis=1) / gradient
     rotated = a @ rotation.T
     # b . (t x (w x Ra)) = w . (Ra x (b x t)) and b . (dt x Ra) = dt . (Ra x b)
-    by_rotation = np.cross(rotated, np.cross(b, translation))
+    by_rotation = np.cross(rotated, b @ se3.cross_matrix(translation))
     by_direction = np.cross(rotated, b) @ tangents(translation).T
     by_motion = np.concatenate([by_rotation, by_direction], axis=1)
     return distance, by_motion / gradient[:, None]

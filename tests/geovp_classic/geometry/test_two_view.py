@@ -68,6 +68,17 @@ def test_a_third_of_outliers_is_rejected() -> None:
     assert found.inliers[:100].mean() < 0.2
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_points_in_front_are_those_with_positive_depths(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-5, -3, -20], [5, 3, 20], (500, 3))  # half of them behind
+    b_from_a = se3.exp(np.append(rng.normal(size=3), 0.1 * rng.normal(size=3)))
+    depth_b = se3.transform(b_from_a, points)[:, 2]
+    is_visible = (points[:, 2] > 0) & (depth_b > 0)
+    a, b = rays(points, np.eye(4)), rays(points, b_from_a)
+    np.testing.assert_array_equal(two_view.are_in_front(a, b, b_from_a), is_visible)
+
+
 def test_outliers_have_no_vote_on_the_direction() -> None:
     """90 near points and 90 at infinity are inliers; 120 outliers move the opposite way."""
     forward = se3.exp(np.array([0.0, 0, -1, 0, 0.01, 0]))
