@@ -65,6 +65,7 @@ def predict(
     from the first ones: a warning is logged, and `is_trusted` of the prediction is False. With
     `hindcast=None`, each scene is shown.
     """
+    # Track, forecast, refine and render, with a hindcast of the result
     if pose_source is None:
         pose_source = default_pose_source(context.camera_height_m is not None)
     predictor = GeometricPredictor(
@@ -74,6 +75,7 @@ def predict(
         hindcast,
     )
     prediction = predictor.predict(context, num_samples)
+    # Nothing is replaced silently
     if not prediction.is_trusted:
         logger.warning(
             "the scene predicts the last observed frames worse than %s, which replaces it: check "

@@ -188,6 +188,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
     """
     origin = typing.get_origin(kind)
     options = typing.get_args(kind)
+    # A union: the first type that accepts the value
     if origin in (Union, types.UnionType):
         *others, last = (option for option in options if option is not types.NoneType)
         if value in (NONE, None) and types.NoneType in options:
@@ -196,6 +197,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
             with contextlib.suppress(BadData):
                 return _value(value, option, where)
         return _value(value, last, where)
+    # A choice, or a tuple of values
     if origin is Literal:
         if value not in options:
             raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, options))}")
@@ -206,11 +208,13 @@ def _value(value: Any, kind: Any, where: str) -> Any:
             raise BadData(f"{where} has {len(value)} values, expected {len(kinds)}")
         items = enumerate(zip(value, kinds, strict=True))
         return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in items)
+    # A component by its table, or settings that are not registered
     for role, protocol in PROTOCOL_OF_ROLE.items():
         if kind is protocol:
             return build(role, value, where)
     if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
         return construct(typing.cast(type, kind), value, where)
+    # A plain value
     if kind is Path and isinstance(value, (str, Path)):
         return Path(value).expanduser()
     if kind is float and type(value) is int:

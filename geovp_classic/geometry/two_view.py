@@ -47,6 +47,7 @@ class TwoViewEstimator:
     min_in_front_fraction: float = 0.6
     # Random samples. Of five points among 40 % inliers, one in 100 is without outliers.
     num_samples: int = 1000
+    # Sampling ends when no better motion was missed with this probability.
     sampling_confidence: float = 0.9999
 
     def estimate(

@@ -34,11 +34,13 @@ def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[st
         return {}
     if context.past_depths is None or target.depths is None:
         return {}
+    # Pixels that can be compared: static, and of known depth
     observed = _inverse(context.past_depths)
     inverse_depths = _inverse(target.depths)
     moving = target.moving
     static = np.ones(inverse_depths.shape, bool) if moving is None else ~moving
     comparable = static & np.isfinite(inverse_depths)
+    # A pixel is hidden until one of the observed frames shows its surface
     hidden = comparable.copy()
     rays = pinhole.rays(context.intrinsics)
     for step, world_from_cam in enumerate(future.world_from_cam):

@@ -22,13 +22,13 @@ class FrameScreening:
     min_motion_difference: float = 3.0
     # Change at a cut, over the median change of the clip. Set by hand: it selects what is tracked.
     min_cut_change: float = 1.25
-    # Of the corners, across a cut; in streets at least half are tracked.
+    # Of the corners, across a cut, where they match by chance; in streets half or more are tracked.
     max_cut_tracked_fraction: float = 0.2
     # Of the images in which cuts are detected: motion is a few pixels there. No false cut in 370
     # windows of KITTI.
     cut_height_px: int = 96
     min_cut_corners: int = 15  # with fewer there is no evidence of a cut: 3 are a fifth
-    max_cut_corners: int = 80
+    max_cut_corners: int = 80  # the deviation of their tracked fraction is below .05
     cut_window_px: int = 11  # of Lucas-Kanade, a ninth of the height
     cut_corner_quality: float = 0.01  # of the best corner, as in OpenCV's examples
     cut_corner_spacing_px: int = 5  # half a window

@@ -17,11 +17,13 @@ Window = tuple[slice, slice]  # rows and columns
 class SceneMasking:
     """Detection of letterbox bars; grey values are 0..255."""
 
-    max_bar_grey: float = 20.0  # brightest pixel of a bar
+    # Brightest pixel of a bar: video black is 16 of 255 (ITU-R BT.601), and coding adds noise
+    max_bar_grey: float = 20.0
     # Of a bar, over that of the image; dark footage is not letterboxing.
     max_bar_brightness_fraction: float = 0.1
-    max_lit_fraction: float = 0.02  # of a bar's line that may be brighter
-    # Of the height and the width, between bars.
+    # Of a bar's line that may be brighter, as of a channel's logo
+    max_lit_fraction: float = 0.02
+    # Of the height and the width, between bars: a square video in a frame of 16:9 has .56.
     min_content_fraction: float = 0.5
     bar_border_px: int = 2  # blended with the bars by video coding
 

@@ -18,7 +18,7 @@ class CornerTracker:
     # about `window_px`, so that windows hardly overlap.
     num_features: int = 450
     # Smallest eigenvalue of a corner (Shi & Tomasi 1994), in the scale of OpenCV for an image
-    # with a standard deviation of 255
+    # with a standard deviation of 255. Set by hand.
     min_corner_strength: float = 0.003
     # Grey values; an image with a smaller deviation has no corners but those of its noise.
     min_contrast: float = 1.5

@@ -65,7 +65,9 @@ class GroundPlane:
     # It ends the first search: noise of a fifth of the texture's deviation leaves .96, a wrong
     # plane about `RoadAligner.min_correlation`.
     sufficient_correlation: float = 0.85
-    max_missed: int = 2  # pairs in a row, before the first search is repeated
+    # Pairs in a row, before the first search is repeated: a shadow or a bump spoils the two pairs
+    # that its image is part of.
+    max_missed: int = 2
     # Standard deviation of pitch and roll from image to image, a quarter of a degree
     wobble_rad: float = 0.004
     # Standard deviation of pitch and roll before the first measurement: a degree, of the mounting

@@ -122,6 +122,8 @@ class Tracker:
         if tracks is None:
             self._bridge_or_restart(image, world_from_cam)
         else:
+            # Before the first translation there are no points: the pose is a rotation, and the
+            # tracks wait for a map
             self._num_bridged = 0
             has_map = self.map.triangulated.any()
             self._append(self._world_from_last, waiting=None if has_map else tracks)
@@ -135,7 +137,7 @@ class Tracker:
             return
         keyframe = self.map.keyframes[-1]
         keyframe_from_last = keyframe.cam_from_world @ self._world_from_last
-        self.map.adjust(num_fixed=1)
+        self.map.adjust(num_fixed=1)  # changes the keyframe's pose
         self._world_from_last = se3.inverse(keyframe.cam_from_world) @ keyframe_from_last
 
     def poses(self) -> TrackedPoses:
@@ -283,8 +285,10 @@ class Tracker:
         cam_from_world: FloatArray,
     ) -> Tracks:
         """Make this image the last localised one, in which the tracks [M] are at pixels [M, 2]."""
+        # All other tracks end
         self.map.pixels[:] = np.nan
         self.map.pixels[index] = pixels
+        # The last motion, which predicts the next one
         world_from_cam = se3.inverse(cam_from_world)
         if self._last is not None:
             elapsed_s = max(image.time_s - self._last.time_s, 1e-6)
@@ -330,7 +334,7 @@ class Tracker:
             image.grey,
             before_from_now,
         )
-        # Detect
+        # New corners where the image has no tracks
         self._start_tracks(image)
 
     def _restart(self, image: Image, world_from_cam: FloatArray) -> bool:
