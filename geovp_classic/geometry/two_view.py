@@ -4,13 +4,14 @@ Rays are [..., 2] = (x, y) on the plane z = 1 of the camera that observes them. 
 maps a ray of camera a to its epipolar line in camera b: E = [t]x R with b_from_a = (R, t).
 """
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import alignment, se3
 from geovp_classic.geometry.robust import geman_mcclure_weight, irls
 from geovp_classic.types import BoolArray, FloatArray
 
@@ -78,12 +79,11 @@ class TwoViewEstimator:
         max_error = self.max_inlier_error * noise
         a = np.ascontiguousarray(rays_a)
         b = np.ascontiguousarray(rays_b)
-        camera = np.eye(3)
         try:
             essential, is_inlier = cv2.findEssentialMat(
                 a,
                 b,
-                camera,
+                np.eye(3),
                 cv2.USAC_MAGSAC,
                 prob=self.sampling_confidence,
                 threshold=max_error,
@@ -95,11 +95,11 @@ class TwoViewEstimator:
             return None
         # Of four motions with this essential matrix (Hartley & Zisserman 2004, 9.6.2), inliers vote
         # for the one with their points in front of both cameras
+        *rotations, direction = cv2.decomposeEssentialMat(essential)
+        translations = direction[:, 0], -direction[:, 0]
+        motions = itertools.starmap(se3.compose, itertools.product(rotations, translations))
         voters = is_inlier.ravel() > 0
-        _, rotation, direction, *_ = cv2.recoverPose(
-            essential, a[voters], b[voters], camera, distanceThresh=1e9
-        )
-        b_from_a = se3.compose(rotation, direction[:, 0])
+        b_from_a = max(motions, key=lambda each: are_in_front(a[voters], b[voters], each).sum())
         # Refine with all inliers
         fits = np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
         if fits.mean() < self.min_inlier_fraction:
@@ -159,7 +159,7 @@ def best_rotation(
     b /= np.linalg.norm(b, axis=1, keepdims=True)
     weight: FloatArray = np.ones(len(a))
     for _ in range(num_rounds):
-        rotation = Rotation.align_vectors(b, a, weight)[0].as_matrix()
+        rotation = alignment.rotation_between(a, b, weight)
         residual = np.linalg.norm(a @ rotation.T - b, axis=1)
         weight = geman_mcclure_weight(residual, max(noise, np.median(residual)))
     return rotation

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.alignment import umeyama
+from geovp_classic.geometry.alignment import rotation_between, umeyama
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -64,3 +65,13 @@ def test_too_few_or_coincident_points_are_rejected() -> None:
         umeyama(np.zeros((2, 3)), np.zeros((2, 3)), with_scale=True)
     with pytest.raises(BadData, match="coincide"):
         umeyama(np.ones((4, 3)), cloud(0, 4), with_scale=True)
+
+
+@given(seeds)
+def test_weighted_rotations_are_those_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = cloud(seed)
+    b = a @ motion(seed)[:3, :3].T + rng.normal(size=a.shape)
+    weight = rng.uniform(0.1, 1.0, len(a))
+    expected = Rotation.align_vectors(b, a, weight)[0].as_matrix()
+    np.testing.assert_allclose(rotation_between(a, b, weight), expected, atol=1e-9)
