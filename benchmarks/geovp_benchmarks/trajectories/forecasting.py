@@ -62,7 +62,9 @@ def evaluate(
     15 degrees in two seconds are more than a bend of a main road.
     """
     results = [window_scores(forecaster, *window) for window in tracked(windows)]
-    scores = {name: np.array([each[name] for each in results]) for name in results[0]}
+    # A forecaster that selects another one may draw samples in some windows only
+    names = [name for name in results[0] if all(name in each for each in results)]
+    scores = {name: np.array([each[name] for each in results]) for name in names}
     is_turning = np.abs(scores.pop("turned deg")) > turning_deg
     means = {name: float(values.mean()) for name, values in scores.items()}
     if is_turning.any():

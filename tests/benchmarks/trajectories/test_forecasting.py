@@ -23,6 +23,7 @@ from geovp_classic.forecasting.constant import Hold
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.planar_forecaster import PlanarForecast
 from geovp_classic.forecasting.representative import Representative
+from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
 from tests.benchmarks.conftest import Says
@@ -53,6 +54,16 @@ def test_windows_are_cut_every_stride_frames_to_the_end(folder: Path) -> None:
     assert len(read_windows(folder, [], 30, 20, 5)) == 6  # of all sequences
     with pytest.raises(BadData, match="61 poses"):
         read_windows(folder, ["03"], 30, 31, 5)
+
+
+def test_a_forecaster_may_draw_samples_in_some_windows_only() -> None:
+    """Selected forecasts a drive by the motion prior, and a stationary camera by one future."""
+    waiting = circle(30, 0.0, 0.0)
+    windows = [window(), (waiting[:10], waiting[10:])]
+    scores = forecasting.evaluate(windows, Selected())
+    assert scores["FDE m"] < 5.0
+    assert "ADE m, best of 5" not in scores
+    assert "ADE m, best of 5" in window_scores(Selected(), *windows[0])
 
 
 def window(turn_rad_s: float = 0.1) -> tuple[Trajectory, Trajectory]:
