@@ -1,5 +1,5 @@
-"""Cameras from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS
-and Kalibr YAML.
+"""Cameras from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, and
+YAML of ROS, Kalibr, OpenCV, ORB-SLAM and VINS.
 
 EXIF data of photos give a focal length alone.
 """
@@ -22,12 +22,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
-KITTI_CAMERAS = (
-    2,
-    0,
-    1,
-    3,
-)  # by preference: left colour, left grey, then the others
+KITTI_CAMERAS = (2, 0, 1, 3)  # by preference: left colour, left grey, then the others
 # COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
 MODELS = {
     "none": "FULL_OPENCV",
@@ -38,22 +33,38 @@ MODELS = {
     "equidistant": "OPENCV_FISHEYE",
     "fisheye": "OPENCV_FISHEYE",
 }
+# settings of ORB-SLAM and of VINS (camodocal): distortion model, names of focal lengths and
+# principal point, names of coefficients
+SLAM_MODELS = {
+    "PinHole": ("radtan", "fx fy cx cy", "k1 k2 p1 p2 k3"),
+    "Rectified": ("none", "fx fy cx cy", ""),
+    "KannalaBrandt8": ("equidistant", "fx fy cx cy", "k1 k2 k3 k4"),
+    "PINHOLE": ("radtan", "fx fy cx cy", "k1 k2 p1 p2"),
+    "KANNALA_BRANDT": ("equidistant", "mu mv u0 v0", "k2 k3 k4 k5"),
+}
+MAX_BRACKETS = 1000  # PyYAML's time grows with their square; a calibration has about 20
 
 
 def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
     """Read the camera of images of a size.
 
-    Of several cameras in KITTI's files, it is that of the folder `images`/.../image_K, else the
-    preferred one. BadData if the file is about images of another aspect ratio.
+    Of several cameras in KITTI's and Kalibr's files, it is that of the folder `images`, image_K
+    or below camK, else the preferred one. BadData if the file is about images of another aspect
+    ratio.
     """
     text = files.read_text(path, files.MIB)
     formats = (
-        "give KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain "
-        "(.yaml)"
+        "give KITTI's calib.txt, COLMAP's cameras.txt, or a .yaml file of ROS, Kalibr, OpenCV, "
+        "ORB-SLAM or VINS"
     )
     with files.checked(f"{path} is not a calibration", formats):
         if path.suffix.lower() in (".yaml", ".yml"):
-            camera = camera_of_yaml(load_yaml(text))
+            table = load_yaml(text)
+            folders = [*reversed(images.resolve().parts), "cam0"]
+            name = next(
+                (each for each in folders if re.match(r"cam\d", each) and each in table), ""
+            )
+            camera = camera_of_yaml(table.get(name, table), size_px)
         elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
             folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
             cameras = [folder[1]] if folder else KITTI_CAMERAS
@@ -126,23 +137,26 @@ def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCame
 
 
 def load_yaml(text: str) -> Mapping[str, Any]:
-    """Load the table of a YAML file, that of the first camera in a Kalibr camchain.
+    """Load the table of a YAML file, whose numbers remain text.
 
-    OpenCV writes a first line that is not YAML 1.1, and a tag at matrices; `ros2 topic echo` ends
-    each message with a line of its own.
+    OpenCV writes a first line that is not YAML 1.1; `ros2 topic echo` ends each message with a line
+    of its own, and the first message is used.
     """
-    text = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE).replace("!!opencv-matrix", "")
-    table = next(filter(None, yaml.safe_load_all(text)), None)
+    if text.count("[") + text.count("{") > MAX_BRACKETS:
+        raise ValueError(f"it has more than {MAX_BRACKETS} brackets")
+    text = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE)
+    # the base loader knows no tags, such as OpenCV's of matrices, and computes no numbers
+    table = next(filter(None, yaml.load_all(text, yaml.BaseLoader)), None)
     if not isinstance(table, Mapping):
         raise ValueError("it is not a table")
-    return dict(table.get("cam0", table))
+    return table
 
 
-def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
-    """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout.
+def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> DistortedCamera:
+    """Convert the table of a ROS camera_info, of OpenCV, Kalibr, the ASL layout or a SLAM system.
 
-    ValueError, KeyError or TypeError for other camera models than pinhole, unknown distortion
-    models and missing numbers.
+    `size_px` is the size of the images if the table lacks it, as ORB-SLAM's may. ValueError,
+    KeyError or TypeError for unknown camera models and missing numbers.
     """
 
     def first(*keys: str) -> Any:
@@ -150,24 +164,39 @@ def camera_of_yaml(table: Mapping[str, Any]) -> DistortedCamera:
 
     if table.get("camera_model", "pinhole") != "pinhole":
         raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
-    if "intrinsics" in table:
-        numbers = table["intrinsics"]
-        size_px = table["resolution"]
-    else:
-        data = matrix_data(first("camera_matrix", "K", "k"))
-        if len(data) != 9:
-            raise ValueError(
-                f"it has {len(data)} numbers in camera_matrix, expected 9; of settings of SLAM "
-                "systems, give fx fy cx cy as --intrinsics"
-            )
-        matrix = np.array(data)
-        numbers = matrix[[0, 4, 2, 5]]
-        size_px = first("image_width", "width"), first("image_height", "height")
-    fx, fy, cx, cy = map(float, numbers)
-    view = Intrinsics(fx, fy, cx, cy, *map(int, size_px))
+    model = table.get("distortion_model") or "none"
     distortion = matrix_data(first("distortion_coeffs", "distortion_coefficients", "D", "d"))
-    model = MODELS[table.get("distortion_model") or "none"]
-    return DistortedCamera(view, model, tuple(map(float, distortion)))
+    stated_px = (
+        first("image_width", "width", "Camera.width"),
+        first("image_height", "height", "Camera.height"),
+    )
+    slam_model = first("model_type", "Camera.type") or ("Camera.fx" in table and "PinHole")
+    if slam_model:
+        # VINS has two tables, and ORB-SLAM one prefix for each camera, of which the first is used
+        values = {
+            name.rpartition(".")[2]: value for name, value in table.items() if "2." not in name
+        }
+        values |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
+        if slam_model not in SLAM_MODELS:
+            raise ValueError(f"it has the model {slam_model!r}, expected {', '.join(SLAM_MODELS)}")
+        model, names, coefficients = SLAM_MODELS[slam_model]
+        numbers = [values[name] for name in names.split()]
+        distortion = [values.get(name, 0.0) for name in coefficients.split()]
+    elif "intrinsics" in table:
+        numbers = table["intrinsics"]
+        stated_px = table["resolution"]
+    else:
+        matrix = matrix_data(first("camera_matrix", "K", "k"))
+        if len(matrix) != 9:
+            raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
+        numbers = [matrix[at] for at in (0, 4, 2, 5)]
+        if float(table.get("fisheye_model", 0)):  # of OpenCV's calibration program
+            model = "fisheye"
+    if None in stated_px and size_px is not None:
+        stated_px = size_px
+    fx, fy, cx, cy = map(float, numbers)
+    view = Intrinsics(fx, fy, cx, cy, *(round(float(side_px)) for side_px in stated_px))
+    return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
 
 
 def matrix_data(value: Any) -> list[Any]:

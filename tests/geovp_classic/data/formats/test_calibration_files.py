@@ -1,5 +1,6 @@
 """Files with the same camera, written as their programs write it, give the same numbers."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -127,20 +128,125 @@ k: [166.0, 0, 95.5, 0, 166.0, 71.5, 0, 0, 1]
 header: {frame_id: cam}
 ---
 """
+ORB_SLAM2 = """%YAML:1.0
+#--------------------------------------------------------------------------------------------
+Camera.fx: 166.0
+Camera.fy: 166.0
+Camera.cx: 95.5
+Camera.cy: 71.5
+
+Camera.k1: -0.05
+Camera.k2: 0.01
+Camera.p1: 0.0
+Camera.p2: 0.0
+
+Camera.fps: 30.0
+ORBextractor.scaleFactor: 1.2
+"""
+ORB_SLAM3 = """%YAML:1.0
+Camera.type: "PinHole"
+Camera1.fx: 166.0
+Camera1.fy: 166.0
+Camera1.cx: 95.5
+Camera1.cy: 71.5
+Camera1.k1: -0.05
+Camera1.k2: 0.01
+Camera1.p1: 0.0
+Camera1.p2: 0.0
+Camera2.fx: 1.0
+Camera2.k1: 1.0
+Camera.width: 192
+Camera.height: 144
+IMU.T_b_c1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: f
+   data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+"""
+VINS = """%YAML:1.0
+---
+model_type: PINHOLE
+camera_name: camera
+image_width: 192
+image_height: 144
+distortion_parameters:
+   k1: -0.05
+   k2: 0.01
+   p1: 0.0
+   p2: 0.0
+projection_parameters:
+   fx: 166.0
+   fy: 166.0
+   cx: 95.5
+   cy: 71.5
+"""
+VINS_FISHEYE = """%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+image_width: 192
+image_height: 144
+projection_parameters:
+   k2: -0.05
+   k3: 0.01
+   k4: 0.0
+   k5: 0.0
+   mu: 166.0
+   mv: 166.0
+   u0: 95.5
+   v0: 71.5
+"""
+TWO_CAMERAS = """cam0:
+  intrinsics: [100, 100, 95.5, 71.5]
+  resolution: [192, 144]
+cam1:
+  intrinsics: [166, 166, 95.5, 71.5]
+  distortion_model: radtan
+  distortion_coeffs: [-0.05, 0.01, 0, 0]
+  resolution: [192, 144]
+"""
+FOURTEEN = OPENCV.replace("rows: 5", "rows: 14").replace("0.01, 0.", "0.01" + 10 * ", 0.")
+FISHEYE = OPENCV.replace("image_width", "fisheye_model: 1\nimage_width").replace(", 0. ]\n\"", "]")
 TWICE = (
     "1 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n2 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n"
 )
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("a.yml", OPENCV), ("a.yaml", ROSTOPIC), ("cameras.txt", TWICE)]
+    ("name", "content", "model"),
+    [
+        ("a.yml", OPENCV, "FULL_OPENCV"),
+        ("a.yml", FOURTEEN, "FULL_OPENCV"),
+        ("a.yml", FISHEYE, "OPENCV_FISHEYE"),
+        ("a.yaml", ROSTOPIC, "FULL_OPENCV"),
+        ("a.yaml", ORB_SLAM2, "FULL_OPENCV"),
+        ("a.yaml", ORB_SLAM3, "FULL_OPENCV"),
+        ("a.yaml", ORB_SLAM3.replace("PinHole", "KannalaBrandt8"), "OPENCV_FISHEYE"),
+        ("a.yaml", VINS, "FULL_OPENCV"),
+        ("a.yaml", VINS_FISHEYE, "OPENCV_FISHEYE"),
+        ("a.yaml", TWO_CAMERAS, "FULL_OPENCV"),
+        ("cameras.txt", TWICE, "OPENCV"),
+    ],
 )
-def test_files_of_calibration_programs_are_read(name: str, content: str, tmp_path: Path) -> None:
+def test_files_of_calibration_programs_are_read(
+    name: str, content: str, model: str, tmp_path: Path
+) -> None:
     path = tmp_path / name
     path.write_text(content)
-    camera = read_camera(path, tmp_path, (192, 144))
+    camera = read_camera(path, tmp_path / "cam1" / "data", (192, 144))
     assert camera.pinhole == Intrinsics(166, 166, 95.5, 71.5, 192, 144)
+    assert camera.model == model
     assert camera.distortion[:2] == (-0.05, 0.01)
+    assert not any(camera.distortion[2:])
+
+
+@pytest.mark.parametrize("text", ["K: " + 20_000 * "[", 20_000 * "{", "K: " + 200_000 * "9:"])
+def test_deeply_nested_files_are_refused_at_once(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    start_s = time.monotonic()
+    with pytest.raises(BadData, match=r"a\.yaml is not a calibration"):
+        read_camera(path, tmp_path, (192, 144))
+    assert time.monotonic() - start_s < 5
 
 
 @pytest.mark.parametrize(
@@ -151,7 +257,8 @@ def test_files_of_calibration_programs_are_read(name: str, content: str, tmp_pat
             "%YAML:1.0\nCamera1.fx: 166.0\nCamera.width: 192\n",
             "0 numbers in camera_matrix",
         ),
-        ("vins.yaml", "%YAML:1.0\n---\nmodel_type: PINHOLE\n", "0 numbers in camera_matrix"),
+        ("vins.yaml", VINS.replace("   fx: 166.0\n", ""), "'fx'"),
+        ("mei.yaml", VINS.replace("PINHOLE", "MEI"), "the model 'MEI', expected PinHole"),
         ("empty.yaml", "---\n", "it is not a table"),
         ("list.yaml", "- 1\n- 2\n", "it is not a table"),
         (
