@@ -250,7 +250,7 @@ TIMES = "".join(f"{n / 10}\n" for n in range(9))
 READERS: dict[str, Reader] = {
     "kitti poses": Reader(poses(pose_files.write_kitti), pose_files.read_kitti),
     "tum poses": Reader(poses(pose_files.write_tum), pose_files.read_tum),
-    "asl poses": Reader(text("data.csv", ASL), lambda path: pose_files.read_asl(path, 1e18)),
+    "asl poses": Reader(text("data.csv", ASL), pose_files.read_asl),
     "times": Reader(text("times.txt", TIMES), pose_files.read_times),
     "calib.txt": Reader(
         text("calib.txt", KITTI_CALIBRATION),

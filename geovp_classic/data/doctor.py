@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from geovp_classic.data.findings import Finding, Findings
+from geovp_classic.data.formats.pose_files import clock_of
 from geovp_classic.data.frames.image_frames import Size, image_size, read_image
 from geovp_classic.data.frames.undistortion import common_pinhole
 from geovp_classic.data.layouts import detection
@@ -115,6 +116,7 @@ class Doctor:
             "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
             "calibrated": ", ".join(sorted(focals)),
             "times": str(len(times_s)),
+            "clock": clock_of(times_s),
             "duration_s": f"{np.ptp(times_s) if len(times_s) else 0:.1f}",
             "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
             "length_m": self._examine_poses(folder, first, findings, is_readable),

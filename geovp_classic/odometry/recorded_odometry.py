@@ -30,10 +30,10 @@ class RecordedOdometry:
     """Past poses from a trajectory file of a whole sequence.
 
     `path` is a TUM or KITTI file of world_from_cam; "{sequence}" in it stands for the clip's
-    sequence. A TUM file has times on the clock of the data set and lacks lost frames. A KITTI file
-    has a pose for every frame. Only poses of the observed frames are used: lost ones are
-    interpolated, or extrapolated at the ends, and marked. As part of `chained` with a forecaster
-    this is a pose source.
+    sequence. A TUM file has times on the clock of the data set, in seconds or nanoseconds, and
+    lacks lost frames. A KITTI file has a pose for every frame. Only poses of the observed frames
+    are used: lost ones are interpolated, or extrapolated at the ends, and marked. As part of
+    `chained` with a forecaster this is a pose source.
 
     The file may depend on later frames, as after loop closure or a global bundle adjustment. This
     cannot be detected: report it with the results, or record each pose as it was when its frame
@@ -91,8 +91,10 @@ class RecordedOdometry:
         times_s = context.times_s[: context.num_past]
         if recorded_s[-1] < times_s[0] or recorded_s[0] > times_s[-1]:
             raise BadData(
-                f"{self.path} has poses from {recorded_s[0]:.3f} to {recorded_s[-1]:.3f} s, clip "
-                f"{context.name} starts at {times_s[0]:.3f} s: give times on the data set's clock"
+                f"{self.path} has poses from {recorded_s[0]:.3f} to {recorded_s[-1]:.3f} s "
+                f"({pose_files.clock_of(recorded_s)}), clip {context.name} starts at "
+                f"{times_s[0]:.3f} s: give times on the data set's clock, "
+                f"{pose_files.clock_of(times_s)} in seconds or nanoseconds"
             )
         return poses, nearest(times_s, recorded_s, self.max_difference_s)
 
@@ -101,5 +103,6 @@ class RecordedOdometry:
 def _read_file(path: Path) -> tuple[FloatArray | None, FloatArray]:
     """Read times [N], None for a KITTI file, and poses [N, 4, 4], once per process."""
     if pose_files.has_times(path):
-        return pose_files.read_tum(path)
+        times, poses = pose_files.read_tum(path)
+        return pose_files.in_seconds(times), poses
     return None, pose_files.read_kitti(path)

@@ -158,17 +158,14 @@ class Bag:
                 camera = DistortedCamera(view)
         return scaled_to(camera, size_px, source)
 
-    def add_links(self, tree: FrameTree, topic: str, start_ns: int) -> None:
-        """Add the poses of a topic, or the transforms of tf, at seconds after `start_ns`.
-
-        A frame that is not named is "".
-        """
+    def add_links(self, tree: FrameTree, topic: str) -> None:
+        """Add the poses of a topic, or the transforms of tf; a frame that is not named is ""."""
         for recorded_ns, message in self.messages(topic):
             for item in getattr(message, "transforms", [message]):
                 # those of tf 1 begin with a slash
                 parent = item.header.frame_id.strip("/")
                 child = getattr(item, "child_frame_id", "").strip("/")
-                time_s = (stamp_ns(item, recorded_ns) - start_ns) / 1e9
+                time_s = stamp_ns(item, recorded_ns) / 1e9
                 if (pose := pose_of(item)) is not None:
                     tree.add(parent, child, time_s, pose)
 
@@ -193,9 +190,7 @@ class BagImages:
             )
         self._bag, self._bits = bag, bits
         self._recorded_ns = dict(sorted(recorded_ns.items()))
-        self.start_ns = min(recorded_ns)
-        stamps_ns = np.array(list(self._recorded_ns))
-        self.times_s = (stamps_ns - self.start_ns) / 1e9  # [N]
+        self.times_s = np.array(list(self._recorded_ns)) / 1e9  # [N]
         # no files have these names
         folder = bag.path / self.topic.strip("/")
         self.names = tuple(folder / str(stamp) for stamp in self._recorded_ns)
@@ -223,10 +218,12 @@ def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
             raise BadData(f"{name} is of a depth topic: give the image_topic of a camera")
         encoding = message.format.partition(";")[0].strip()
         image = image_frames.read_image(name, bits, message.data.tobytes())
-        if not encoding.startswith("bayer"):
-            return image
+        # a mosaic of 8 or 16 bits; image_transport names it, too, where it has demosaicked
         _, conversion = ENCODINGS.get(f"{encoding[:10]}8", (1, None))
-        return image if conversion is None else cv2.cvtColor(image[..., 0], conversion)
+        is_grey = bool((image == image[..., :1]).all())
+        if not encoding.startswith("bayer") or conversion is None or not is_grey:
+            return image
+        return cv2.cvtColor(image[..., 0], conversion)
     if message.encoding not in ENCODINGS:
         raise BadData(
             f"{name} has the encoding {message.encoding!r}, expected {', '.join(ENCODINGS)}: "

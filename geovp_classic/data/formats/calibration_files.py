@@ -82,7 +82,7 @@ def scaled_to(camera: DistortedCamera, size_px: Size, source: str) -> DistortedC
     if abs(np.log(width_px * size_px[1] / (height_px * size_px[0]))) > 0.01:
         raise BadData(
             f"{source} is about images of {width_px}x{height_px}, these are "
-            f"{size_px[0]}x{size_px[1]}: give the file of this camera, or --intrinsics"
+            f"{size_px[0]}x{size_px[1]}: give the file of this camera, or its intrinsics"
         )
     return replace(camera, pinhole=camera.pinhole.resized(*size_px))
 

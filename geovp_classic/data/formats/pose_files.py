@@ -34,17 +34,15 @@ def read_tum(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatA
     return _read(path, (8,), pose_of_quaternion, findings)
 
 
-def read_asl(
-    path: Path, start_ns: float, findings: Findings = RAISE
-) -> tuple[FloatArray, FloatArray]:
-    """Read times in seconds after `start_ns` [N] and world_from_body [N, 4, 4] of a data.csv."""
+def read_asl(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatArray]:
+    """Read times in seconds [N] and world_from_body [N, 4, 4] of a data.csv, which has ns."""
 
     def pose_of(numbers: FloatArray) -> FloatArray:
         # the real part of the quaternion comes first
         return pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
 
     times_ns, world_from_body = _read(path, (17, 8), pose_of, findings, ",")
-    return (times_ns - start_ns) / 1e9, world_from_body
+    return times_ns / 1e9, world_from_body
 
 
 def read_times(path: Path, findings: Findings = RAISE) -> FloatArray:
@@ -63,17 +61,28 @@ def has_times(path: Path) -> bool:
     return len(first_line.split()) == 8
 
 
+def in_seconds(times: FloatArray) -> FloatArray:
+    """Convert times that are nanoseconds since 1970 by their size, as ORB-SLAM3 writes them."""
+    return times / 1e9 if len(times) and times[0] > 1e17 else times
+
+
+def clock_of(times_s: FloatArray) -> str:
+    """Return the name of the clock of times in seconds, by their size."""
+    return "Unix time" if len(times_s) and times_s[0] > 1e8 else "time since the start"
+
+
 def read_trajectory(
     path: Path, times_s: FloatArray | None = None, *, is_metric: bool = True
 ) -> Trajectory:
     """Read a TUM file, or a KITTI file with the times of all frames, told apart by content.
 
     `times_s` is for KITTI files alone: their rows are frames 0, 1, ..., or those of the indices in
-    front. The caller states whether the unit is the metre, the file does not.
+    front. Times in nanoseconds become seconds. The caller states whether the unit is the metre,
+    the file does not.
     """
     if has_times(path):
-        times_s, world_from_cam = read_tum(path)
-        return Trajectory(world_from_cam, times_s, is_metric)
+        times, world_from_cam = read_tum(path)
+        return Trajectory(world_from_cam, in_seconds(times), is_metric)
     world_from_cam = read_kitti(path)
     if times_s is None:
         raise BadData(f"{path} is in KITTI's format, which has no times: give those of all frames")

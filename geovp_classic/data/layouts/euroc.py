@@ -29,8 +29,8 @@ class Euroc(PosedSequences):
     """EuRoC and other folders in the ASL layout; settings as `PosedSequences`'.
 
     `camera` is the K of camK. An image has the pose whose time is nearest, at most
-    `max_difference_s` away. Times are seconds since the first image. TUM VI's images use 16 bits:
-    `image_bits = 16`.
+    `max_difference_s` away. Times are those of the files, in seconds. TUM VI's images use 16
+    bits: `image_bits = 16`.
     """
 
     name = "euroc"
@@ -47,8 +47,7 @@ class Euroc(PosedSequences):
             present = ", ".join(sorted(path.name for path in mav0.glob("cam?")))
             findings.add(cam, f"does not exist: mav0 has {present}")
         stamps_ns, images = read_list(cam / "data.csv", cam / "data", findings, ",")
-        start_ns = stamps_ns[0] if images else 0.0
-        times_s = (stamps_ns - start_ns) / 1e9
+        times_s = stamps_ns / 1e9
         sensor = cam / "sensor.yaml"
         scan = Scan(images, times_s)
         with findings.catch(sensor):
@@ -57,7 +56,7 @@ class Euroc(PosedSequences):
         if not truth.exists():
             truth = mav0 / "mocap0" / "data.csv"
         if truth.exists():
-            recorded = pose_files.read_asl(truth, start_ns, findings)
+            recorded = pose_files.read_asl(truth, findings)
             poses = nearest_poses(times_s, *recorded, self.max_difference_s)
             scan = replace(scan, world_from_cam=poses @ scan.rig_from_cam)
         return scan

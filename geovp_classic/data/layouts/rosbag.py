@@ -27,7 +27,7 @@ class RosBag(PosedSequences):
     topic of type Odometry, PoseStamped, PoseWithCovarianceStamped or TransformStamped. "" stands
     for no poses. They become the camera's by tf. `body_frame` is the frame that they are of, else
     the one that their messages name, else the camera's. They are interpolated between neighbours
-    at most `max_gap_s` apart. Times are seconds since the first image.
+    at most `max_gap_s` apart. Times are those of the stamps, in seconds since 1970.
     """
 
     name = "rosbag"
@@ -74,15 +74,14 @@ class RosBag(PosedSequences):
         """Return world_from_cam [N, 4, 4]; None if nothing moves the camera."""
         if self.pose_topic == "":
             return None
-        start_ns = images.start_ns
         tree = FrameTree()
         for topic in bag.topics("tf"):
-            bag.add_links(tree, topic, start_ns)
+            bag.add_links(tree, topic)
         links = tree.path(images.frame_id)
         if self.pose_topic or all(link.is_fixed for link in links):
             pose_topic = bag.choose("pose", self.pose_topic)
             motion = FrameTree()
-            bag.add_links(motion, pose_topic, start_ns)
+            bag.add_links(motion, pose_topic)
             for child, link in motion.items():
                 body = self.body_frame or child or images.frame_id
                 tree[body] = link

@@ -46,6 +46,7 @@ def test_a_sound_root_has_no_findings(kitti_root: Path) -> None:
         "size_px": "64x24",
         "calibrated": "f 50 px",
         "times": "12",
+        "clock": "time since the start",
         "duration_s": "1.1",
         "poses": "12",
         "length_m": "11",

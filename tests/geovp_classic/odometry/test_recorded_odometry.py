@@ -89,5 +89,24 @@ def test_the_ground_plane_gives_metres_to_a_file_of_any_unit(tmp_path: Path) -> 
 
 def test_a_file_on_another_clock_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "late.txt", [7, 8, 9])
-    with pytest.raises(BadData, match="data set's clock"):
+    with pytest.raises(BadData, match="data set's clock, time since the start in seconds"):
         build(path).track(context_of(build(path)))
+
+
+@pytest.mark.parametrize("times_per_s", [1, 1e9])
+def test_unix_times_in_seconds_or_nanoseconds_are_matched(
+    tmp_path: Path, times_per_s: float
+) -> None:
+    """SLAM systems write the stamps of EuRoC and of bags, which their clips have, too."""
+    context = context_of(build(write(tmp_path / "relative.txt", [0, 1, 2])))
+    unix = replace(context, times_s=context.times_s + 1_700_000_000.25)
+    lines = [
+        f"{time_s * times_per_s:.6f} {step / 2} 0 0 0 0 0 1"
+        for step, time_s in enumerate(unix.times_s)
+    ]
+    (tmp_path / "slam.txt").write_text("\n".join(lines))
+    past, tracked = build(tmp_path / "slam.txt").track(unix)
+    assert tracked.all()
+    np.testing.assert_allclose(past.world_from_cam[:, 0, 3], np.arange(NUM_PAST) / 2, atol=1e-5)
+    with pytest.raises(BadData, match="data set's clock, Unix time in seconds or nanoseconds"):
+        build(tmp_path / "relative.txt").track(unix)

@@ -205,7 +205,7 @@ cam1:
   resolution: [192, 144]
 """
 FOURTEEN = OPENCV.replace("rows: 5", "rows: 14").replace("0.01, 0.", "0.01" + 10 * ", 0.")
-FISHEYE = OPENCV.replace("image_width", "fisheye_model: 1\nimage_width").replace(", 0. ]\n\"", "]")
+FISHEYE = OPENCV.replace("image_width", "fisheye_model: 1\nimage_width").replace(', 0. ]\n"', "]")
 TWICE = (
     "1 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n2 OPENCV 192 144 166 166 96 72 -0.05 0.01 0 0\n"
 )
