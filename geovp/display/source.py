@@ -18,7 +18,7 @@ from geovp_classic import registry
 from geovp_classic.data.formats import bags
 from geovp_classic.data.frames.image_frames import FrameFiles
 from geovp_classic.data.layouts import detection
-from geovp_classic.data.recordings.windows import Recording
+from geovp_classic.data.recordings.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -46,12 +46,17 @@ class Source:
             recording = _camera(request)
             numbers = range(1)
         elif detection.detect(path)[0] == "folder" or (bags.is_bag(path) and request.has_camera):
-            if sequence is not None:
+            folders = detection.detect(path)[1].folders()  # one, or those of several sequences
+            stretch = FrameRange.parse(sequence or next(iter(folders)))
+            if sequence is not None and path in folders.values():
                 raise BadData(f"{path} has no sequences: remove --sequence")
+            if stretch.sequence not in folders:
+                raise BadData(f"{path} has no {sequence!r}: give a --sequence of {list(folders)}")
+            request = replace(request, path=folders[stretch.sequence])
             recording, lens = read_recording(request)
             first = replace(request, first=0)  # all frames are replayed, from the first on
             recording = recording.selected(first.frame_numbers(recording.times_s))
-            numbers = range(len(recording.frames))
+            numbers = range(len(recording.frames))[stretch.first : stretch.last]
             _, recording = find_camera(recording, lens, len(numbers), request)
         else:
             recording, numbers = _sequence(request, sequence)
@@ -150,10 +155,9 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
         "sequences": sequence and [sequence],
         "frame_step": request.frame_step,
     }
-    if request.rate_hz is not None:
-        table["rate_hz"] = request.rate_hz
-    if request.camera_height_m is not None:
-        table["camera_height_m"] = request.camera_height_m
+    for name in ("rate_hz", "camera_height_m", "image_topic", "image_bits", "name_pattern"):
+        if (value := getattr(request, name)) is not None:
+            table[name] = value
     dataset = registry.build("datasets", table)
     stretch = dataset.ranges[0]
     recording = dataset.recordings[stretch.sequence]

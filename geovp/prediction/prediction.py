@@ -78,6 +78,7 @@ class Predicted:
         max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
         max_mask_fraction: float = 0.1,
         min_turn_deg: float = 0.1,
+        max_pause_s: float = 1.0,  # as no clip of a data set has
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
         # The camera.
@@ -90,6 +91,13 @@ class Predicted:
             yield (
                 f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such "
                 "lenses are mostly fisheyes: give --calibration with a fisheye model"
+            )
+        steps_s = np.diff(self.context.times_s[: self.context.num_past])
+        pause_s = float(steps_s.max(initial=0))
+        if pause_s > max(max_pause_s, 2 * float(np.median(steps_s))):
+            yield (
+                f"the observed frames have a pause of {pause_s:.1f} s: give another --first or a "
+                "smaller --past"
             )
         # What is shown.
         if not self.prediction.is_trusted:
@@ -243,6 +251,9 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
             raise BadData(f"{path} is a folder of images, which have no times: give --fps")
         settings["name_pattern"] = request.name_pattern
         folder = Folder(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
+        if len(folder.recordings) > 1:
+            names = ", ".join(folder.recordings)
+            raise BadData(f"{path} holds several folders of images: give one of {names:.300}")
         return next(iter(folder.recordings.values())), None
     if request.frame_rate_hz is not None:
         raise BadData(f"{path} states its times: leave out --fps")

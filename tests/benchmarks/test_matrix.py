@@ -62,7 +62,8 @@ def test_metrics_are_a_list_or_a_table_of_columns() -> None:
 def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     protocol = {**PROTOCOL, "dataset": {"name": "kitti", "root": "$STREETS/odometry"}}
     parsed = schema.parse("m", content(protocol=protocol))
-    with pytest.raises(GeovpError, match="/data"):
+    moved = r"/data, does not exist: give the place of the data as --root FOLDER"
+    with pytest.raises(GeovpError, match=moved):
         parsed.override(root=Path("/data")).build_dataset(PrivilegedInput.NONE)
     monkeypatch.setenv("STREETS", "/streets")
     with pytest.raises(GeovpError, match="/streets/odometry"):

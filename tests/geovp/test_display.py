@@ -18,8 +18,9 @@ from geovp.display.channel import Channel
 from geovp.display.commands import Driver, read_commands
 from geovp.display.session import Session, Shown
 from geovp.display.source import Source
+from geovp.prediction.prediction import read_recording
 from geovp.prediction.request import PredictionRequest
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.streaming import Command, LiveView
 from geovp_classic.types import ByteArray, FloatArray
 from tests.benchmarks.conftest import Says
@@ -257,6 +258,8 @@ class TestSource:
         assert source.read(0).shape == (64, 64, 3)
         assert source.intrinsics.fx_px == 75
         assert source.recording.camera_height_m == 1.65
+        with pytest.raises(GeovpError, match="no field 'image_topic'"):
+            Source.open(PredictionRequest(tmp_path, image_topic="/cam"))
         with pytest.raises(BadData, match="remove --fov"):
             Source.open(PredictionRequest(tmp_path, fov_deg=70))
 
@@ -270,6 +273,36 @@ class TestSource:
         source = Source.open(PredictionRequest(bag, fov_deg=70))
         assert len(source.times_s) == len(CLIP.frames)
         assert (source.read(3) == CLIP.frames[3]).all()
+
+
+def test_settings_and_sequences_of_the_input_are_used(tmp_path: Path) -> None:
+    """16-bit images of a bag with two topics, and a folder of folders called with a space."""
+    made = bag_files.Messages(is_ros1=False)
+    messages = bag_files.messages_of(made, CLIP)
+    for topic, recorded_ns, _ in messages[:]:
+        if topic == "/cam/image_raw":
+            time_ns = recorded_ns - 3_000_000
+            deep = np.full((*CLIP.frames.shape[1:3], 1), 16 * 50, np.uint16)
+            messages.append(("/deep/image_raw", recorded_ns, made.image(time_ns, deep, "mono16")))
+            messages.append(("/deep/camera_info", recorded_ns, made.info(time_ns, CLIP)))
+    bag = bag_files.write_messages(tmp_path / "two", made, messages)
+    with pytest.raises(BadData, match="give image_topic, one of /cam/image_raw, /deep/image_raw"):
+        Source.open(PredictionRequest(bag))
+    with pytest.raises(BadData, match="set image_bits"):
+        Source.open(PredictionRequest(bag, image_topic="/deep/image_raw"))
+    source = Source.open(PredictionRequest(bag, image_topic="/deep/image_raw", image_bits=12))
+    assert (source.read(2) == 50).all()
+    for name, step in (("a [x]", 0), ("b c", 4)):
+        write_images(tmp_path / "multi" / name, CLIP.frames[step : step + 4])
+    request = PredictionRequest(tmp_path / "multi", frame_rate_hz=10, fov_deg=70)
+    for sequence, first, count in ((None, 0, 4), ("b c", 4, 4), ("a [x][1:3)", 1, 2)):
+        source = Source.open(request, sequence)
+        assert len(source.times_s) == count
+        assert (source.read(0) == CLIP.frames[first]).all()
+    with pytest.raises(BadData, match=r"has no 'd': give a --sequence of \['a \[x\]', 'b c'\]"):
+        Source.open(request, "d")
+    with pytest.raises(BadData, match=r"several folders of images: give one of a \[x\], b c"):
+        read_recording(request)
 
 
 def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:

@@ -170,6 +170,11 @@ class Matrix(ProtocolTable, ComponentTables):
         """Build the data set with the protocol's clips and the views that components need."""
         spec, root = self.dataset, self.data_root
         if root is not None:
+            if not root.expanduser().exists():
+                raise BadData(
+                    f"the folder of the data set, {root}, does not exist: give the place of the "
+                    "data as --root FOLDER"
+                )
             spec = spec | {"path" if "path" in spec else "root": str(root)}
         with registry.defaults(
             num_frames=self.num_past + self.num_future,

@@ -40,8 +40,9 @@ class Videos(SequenceDataset):
     """Videos with a file of cameras; other settings are `SequenceDataset`'s.
 
     `cameras` is that file, by default the only .toml or .json file of `root`. With `num_windows`,
-    each video gives that many clips, evenly spaced from its first frame to its last; with "all",
-    one every `stride` frames. Images are `size_px[0]` wide and have the aspect of their video.
+    each video gives that many clips, evenly spaced from its first frame to its last, without those
+    across a pause; with "all", one every `stride` frames. Images are `size_px[0]` wide and have the
+    aspect of their video.
     """
 
     name = "videos"
@@ -163,7 +164,10 @@ class Videos(SequenceDataset):
                 following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
                 window = recording.selected(start + following[: self.num_frames])
                 clip_name = windows.clip_name(name, int(start))
-                clips[clip_name] = self._paused(replace(window, name=clip_name))
+                if not self._paused(window).breaks:
+                    clips[clip_name] = replace(window, name=clip_name)
+        if not clips:
+            raise BadData(f"{self.root}: each clip holds a pause of more than {self.max_step_s} s")
         return clips
 
     @property

@@ -66,6 +66,21 @@ def test_rates_windows_and_steps_are_settings(root: Path) -> None:
     np.testing.assert_allclose(data[0].frames[:, 3, 3, 0], 5 * np.arange(6, 18, 3), atol=2)
 
 
+def test_no_clip_is_cut_across_a_pause(root: Path) -> None:
+    """A pause of 3 s after the tenth of 20 frames at 10 Hz: windows of 8 begin at 0, 6 and 12."""
+    times_ms = [100 * k + 3000 * (k >= 10) for k in range(20)]
+    write_video(root / "slow.mkv", grey_levels(20, 10, (48, 64)), times_ms=times_ms)
+    facts = (root / "cameras.toml").read_text()
+    (root / "cameras.toml").write_text(facts.replace("fps = 8", ""))
+    settings = {"num_frames": 8, "sequences": ("slow",), "size_px": (32, 32)}
+    data = Videos(root, num_windows=3, **settings)
+    assert data.clip_names == ("slow/000000", "slow/000012")
+    data = Videos(root, num_windows="all", stride=2, **settings)
+    assert data.clip_names == ("slow/000000", "slow/000002", "slow/000010", "slow/000012")
+    with pytest.raises(BadData, match="each clip holds a pause"):
+        Videos(root, num_windows=1, **settings | {"num_frames": 11})
+
+
 def test_the_doctor_and_the_detection_know_the_layout(root: Path) -> None:
     assert detection.detect(root)[0] == "videos"
     examination = Doctor().examine(root)
