@@ -225,6 +225,22 @@ camera_matrix: !!opencv-matrix
    data: [60, 0, 23.5, 0, 60, 15.5, 0, 0, 1]
 ---
 """
+VINS_YAML = """%YAML:1.0
+---
+model_type: PINHOLE
+image_width: 48
+image_height: 32
+distortion_parameters: {k1: 0.1, k2: 0.01, p1: 0, p2: 0}
+projection_parameters: {fx: 60, fy: 60, cx: 23.5, cy: 15.5}
+"""
+ORB_SLAM_YAML = """%YAML:1.0
+Camera.fx: 60
+Camera.fy: 60
+Camera.cx: 23.5
+Camera.cy: 15.5
+Camera.k1: 0.1
+Camera.k2: 0.01
+"""
 SENSOR_YAML = f"""T_BS: {{data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}
 resolution: [48, 32]
 intrinsics: [60, 60, 23.5, 15.5]
@@ -262,6 +278,8 @@ READERS: dict[str, Reader] = {
     ),
     "cameras.txt": Reader(text("cameras.txt", COLMAP_CALIBRATION), read_calibration),
     "ros yaml": Reader(text("c.yaml", ROS_YAML), read_calibration),
+    "vins yaml": Reader(text("c.yaml", VINS_YAML), read_calibration),
+    "orb-slam yaml": Reader(text("c.yaml", ORB_SLAM_YAML), read_calibration),
     "sensor.yaml": Reader(text("sensor.yaml", SENSOR_YAML), euroc.read_sensor),
     "rgb.txt": Reader(rgb_list, lambda path: sequences.read_list(path, path.parent, RAISE)),
     "split": Reader(
@@ -278,6 +296,7 @@ READERS: dict[str, Reader] = {
     "h264 in mp4": Reader(container("a.mp4", options={"g": "3"}), read_video),
     "h264 in ts": Reader(container("a.ts", options={"g": "3"}), read_video),
     "h264 in mkv": Reader(container("a.mkv", options={"bf": "2"}), read_video),
+    "vp9 in webm": Reader(container("a.webm", codec="libvpx-vp9", options={"g": "3"}), read_video),
     "raw h264": Reader(container("a.h264", format="h264"), read_video),
     "gif": Reader(container("a.gif", codec="gif", pixel_format="rgb8"), read_video),
     "cameras.toml": Reader(cameras_of_videos, read_videos),

@@ -30,7 +30,8 @@ class VideoFrames:
 
     Neither the frame count, the rate nor the duration of the container is used. The packets tell
     when each frame is presented. Frames do not count if an edit list hides them, or if they cannot
-    be decoded because the file begins inside a group of pictures or ends inside a packet.
+    be decoded because the file begins inside a group of pictures or ends inside a packet. A byte
+    that changed inside a packet is noticed only where the codec checks it; VP9 does not.
     `times_s` [N] are seconds since the first frame, None for a raw stream.
     """
 
@@ -172,6 +173,8 @@ class VideoFrames:
                 self._restart()
                 decoded = {tick for tick, _ in self._decoded}
             ticks = [tick for tick in ticks if tick < last_key or tick in decoded]
+        if not ticks:
+            raise ValueError("no whole frame can be decoded")
         self._ticks: IntArray = np.array(sorted(ticks))
         times_s = (self._ticks - self._ticks[0]) * unit_s
         self.times_s: FloatArray | None = None if is_raw else times_s

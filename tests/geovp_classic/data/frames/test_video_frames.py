@@ -4,6 +4,7 @@ import wave
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from video_files import grey_levels, write_video
@@ -93,6 +94,36 @@ def test_a_truncated_video_has_the_frames_before_its_end(name: str, tmp_path: Pa
     for index in range(len(frames)):
         error = np.abs(frames.read(index)[24:].mean(axis=-1) - noise[index, 24:].mean(axis=-1))
         assert error.mean() < 25, "neither black nor grey nor of another time"
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"),
+    [
+        ("a.webm", "libvpx-vp9"),
+        ("a.webm", "libvpx"),
+        ("a.mkv", "libx265"),
+        ("a.mkv", "ffv1"),
+        ("a.avi", "mpeg4"),
+        ("a.mpg", "mpeg2video"),
+    ],
+)
+@pytest.mark.parametrize("kept", [0.45, 0.8])
+def test_no_frame_of_a_truncated_video_is_another_picture(
+    name: str, codec: str, kept: float, tmp_path: Path
+) -> None:
+    """A moving picture: each frame is as in the whole video, and none comes after the end."""
+    noise = np.random.default_rng(0).integers(0, 256, (48, 200, 3), np.uint8)
+    wide = cv2.GaussianBlur(noise, (0, 0), 0.7)
+    moving = [wide[:, 4 * step : 4 * step + 64] for step in range(30)]
+    options = {"g": "10", "b": "3000000"}
+    path = write_video(tmp_path / name, moving, codec=codec, rate=25, options=options)
+    whole = VideoFrames(path)
+    expected = np.stack([whole.read(index) for index in range(len(whole))]).astype(int)
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    cut = VideoFrames(path)
+    assert 4 <= len(cut) < len(whole)
+    for index in range(len(cut)):
+        assert np.abs(cut.read(index) - expected[index]).mean() < 0.01
 
 
 def test_damaged_frames_are_refused_by_number_and_time(tmp_path: Path) -> None:
