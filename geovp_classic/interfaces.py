@@ -243,6 +243,18 @@ class TrajectoryMetric(Metric, Protocol):
 
 
 @runtime_checkable
+class SetMetric(Metric, Protocol):
+    """Comparison of sets of predicted and real clips by the Frechet distance of features."""
+
+    @property
+    def max_samples(self) -> int:
+        """Return the number of samples of a clip that are compared, each in a set of its own."""
+
+    def features(self, observed: ByteArray, future: ByteArray) -> FloatArray:
+        """Return features [D] of a clip with frames [P, H, W, 3] and real or predicted ones [F]."""
+
+
+@runtime_checkable
 class Dataset(Protocol):
     """Sequence of clips."""
 

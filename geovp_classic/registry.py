@@ -37,6 +37,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "predictors": interfaces.FramePredictor,
     "frame_metrics": interfaces.FrameMetric,
     "trajectory_metrics": interfaces.TrajectoryMetric,
+    "set_metrics": interfaces.SetMetric,
     "datasets": interfaces.Dataset,
 }
 ROLES = (*PROTOCOL_OF_ROLE, "executors")

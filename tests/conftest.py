@@ -101,6 +101,8 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
                 np.savez(tmp_path / f"{step:06d}.npz", depth)
         if name == "huggingface":
             settings["model"] = str(_write_huggingface(tmp_path))
+        if role == "set_metrics":
+            settings["weights"] = str(_write_torchscript(tmp_path / "mean.pt"))
         if name == "onnx":
             inputs: dict[str, list[Any]] = {"image": [1, 3, 32, 32]}
             if role == "inpainters":
@@ -430,6 +432,15 @@ def _write_onnx(path: Path, inputs: dict[str, list[Any]], mean_axis: int = 1) ->
 @pytest.fixture(scope="session")
 def write_huggingface() -> Callable[[Path], Path]:
     return _write_huggingface
+
+
+def _write_torchscript(path: Path) -> Path:
+    """Write a network that returns the mean of each channel."""
+    torch = pytest.importorskip("torch", reason="needs the extra 'learned'")
+    pooling = torch.nn.AdaptiveAvgPool1d(1)
+    layers = torch.nn.Sequential(torch.nn.Flatten(2), pooling, torch.nn.Flatten())
+    torch.jit.script(layers).save(str(path))
+    return path
 
 
 def _write_huggingface(folder: Path) -> Path:

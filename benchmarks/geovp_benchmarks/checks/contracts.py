@@ -126,6 +126,10 @@ class Trial:
                 return _inpaint(component, truth.future_frames, truth.frames[-1])
             case "frame_metrics":
                 return _score_frames(component, truth.future_frames)
+            case "set_metrics":
+                features = component.features(truth.frames, truth.future_frames)
+                require_shape("features", features, *features.shape[:1])
+                return np.asarray(features)
             case "trajectory_metrics":
                 last = past.world_from_cam[[-1] * len(future)]
                 return _score(component, future, replace(future, world_from_cam=last))

@@ -42,6 +42,8 @@ def run(args: argparse.Namespace) -> LinesAndCode:
             metrics = stored_metrics(results)
         else:
             size_px = results.protocol()["size_px"]
-            metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, size_px)
+            metrics = Metrics.build(
+                matrix.frame_metrics, matrix.trajectory_metrics, size_px, sets=matrix.set_metrics
+            )
     rescore(results, output, metrics)
     return (yield from conclude(output))

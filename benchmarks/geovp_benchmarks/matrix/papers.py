@@ -60,6 +60,7 @@ class Paper(BaseModel):
     stride: int  # frames between the starts of two clips
     dataset: Spec
     metrics: Specs
+    set_metrics: Specs = {}
     published: Published
     num_clips: int | None = None
     num_samples: int = 1  # the best by the mean over steps counts, per clip and metric
@@ -80,7 +81,9 @@ def load(name: str) -> Paper:
             "all"
         )
     content = tomllib.loads((PAPERS / f"{name}.toml").read_text("utf-8"))
-    facts = {"name": name, "metrics": content["metrics"]["frame"], **content["paper"]}
+    metrics = content["metrics"]
+    facts = {"name": name, "metrics": metrics["frame"], **content["paper"]}
+    facts["set_metrics"] = metrics.get("set", {})
     paper: Paper = validated(
         Paper, {**content["protocol"], **facts, "published": content["published"]}
     )
@@ -98,4 +101,5 @@ def expanded(content: Mapping[str, Any]) -> Mapping[str, Any]:
     choices = paper.model_dump(include=keys) | dict(table)
     del choices["name"]
     metrics = validated(dict[str, Any], matrix.get("metrics", {}), "metrics")
-    return {**matrix, "protocol": choices, "metrics": {"frame": paper.metrics, **metrics}}
+    of_paper = {"frame": paper.metrics, "set": paper.set_metrics}
+    return {**matrix, "protocol": choices, "metrics": {**of_paper, **metrics}}

@@ -72,6 +72,7 @@ class MetricsTable(Table):
 
     frame: Specs = {name: {"name": name} for name in ("psnr", "ssim", "lpips")}
     trajectory: Specs = {name: {"name": name} for name in ("translation-error", "rotation-error")}
+    set: Specs = {}
 
 
 class ComponentTables(Table):
@@ -96,6 +97,7 @@ class Matrix(ProtocolTable, ComponentTables):
     dataset: Spec  # of stored results with the fields that the protocol sets, too
     frame_metrics: Specs
     trajectory_metrics: Specs
+    set_metrics: Specs = {}
     selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
     max_samples: int | None = None  # of each method
 
@@ -205,10 +207,10 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
             f"the matrix file has another value than numbers and text: {problem}"
         ) from problem
     file = validated(MatrixFile, content)
-    frame, trajectory = file.metrics.frame, file.metrics.trajectory
-    _check_columns([*frame, *trajectory])
+    metrics = {f"{role}_metrics": specs for role, specs in file.metrics}
+    _check_columns([name for specs in metrics.values() for name in specs])
     tables = file.model_dump(exclude={"metrics", "protocol"}) | file.protocol.model_dump()
-    matrix = Matrix(name=name, **tables, frame_metrics=frame, trajectory_metrics=trajectory)
+    matrix = Matrix(name=name, **tables, **metrics)
     _check_methods(matrix)
     return matrix
 

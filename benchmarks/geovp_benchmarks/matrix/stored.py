@@ -17,7 +17,7 @@ def matrix_of(
     keys = ("name", "dataset", "num_past", "num_future", "size_px", "stride")
     fields: dict[str, Any] = {key: protocol[key] for key in keys}
     fields |= {"root": root, "num_samples": method.num_samples}
-    fields |= {"frame_metrics": {}, "trajectory_metrics": {}}
+    fields |= {"frame_metrics": {}, "trajectory_metrics": {}, "set_metrics": {}}
     for role, spec in method.components.items():
         fields[f"{role}s"] = {getattr(method, role, method.name): spec}
     for name, spec in (metrics or {}).items():

@@ -13,7 +13,7 @@ from geovp.drawing.page import SHEET, Page
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options, line_styles
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.score_names import FEATURES, UNBOUNDED, Bounds
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.results.store import Method
 from geovp_benchmarks.results.stored_facts import facts_of
@@ -72,7 +72,7 @@ def metrics(material: Material) -> list[str]:
     """Return the stored metrics in the order of the protocol, those over sets of pixels last."""
     order = list(material.protocol["metrics"])
     scores = [material.results.scores(method.name).values for method in material.methods]
-    stored = set().union(*scores)
+    stored = {name for values in scores for name in values if FEATURES not in name}
     return sorted(stored, key=lambda name: ("@" in name, order.index(name.partition("@")[0]), name))
 
 

@@ -12,12 +12,14 @@ from geovp_classic.errors import BadData
 
 def stored_metrics(results: Results) -> Metrics:
     """Build the metrics of a results folder."""
-    specs: dict[str, Specs] = {"frame": {}, "trajectory": {}}
+    specs: dict[str, Specs] = {"frame": {}, "trajectory": {}, "set": {}}
     protocol = results.protocol()
     for name, about in protocol["metrics"].items():
         if "asked" in about:
             specs[about["role"]][name] = about["asked"]
-    return Metrics.build(**specs, size_px=protocol["size_px"])
+    return Metrics.build(
+        specs["frame"], specs["trajectory"], protocol["size_px"], sets=specs["set"]
+    )
 
 
 def rescore(results: Results, output: Results, metrics: Metrics) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.matrix.components import build
 from geovp_benchmarks.matrix.values import Specs
-from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE, UNBOUNDED
+from geovp_benchmarks.results.score_names import CONFIDENCE, COVERAGE, FEATURES, UNBOUNDED
 from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.running.profiling import release_free_memory
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
+from geovp_classic.interfaces import FrameMetric, SetMetric, TrajectoryMetric
 from geovp_classic.metrics.clip_facts import clip_facts
 from geovp_classic.metrics.stabilised import Stabilised, turned
 from geovp_classic.metrics.strata import strata
@@ -40,19 +40,27 @@ class Metrics:
 
     frame: dict[str, FrameMetric]
     trajectory: dict[str, TrajectoryMetric]
+    set: dict[str, SetMetric] = field(default_factory=dict)
     described: dict[str, Any] = field(default_factory=dict)  # their resolved settings
     about: dict[str, Any] = field(default_factory=dict)  # of all metrics, for protocol.json
     unavailable: dict[str, str] = field(default_factory=dict)  # why others cannot be computed here
 
     @classmethod
-    def build(cls, frame: Specs, trajectory: Specs, size_px: tuple[int, int]) -> Self:
-        """Build metrics, and try each frame metric once, since its weights may be missing.
+    def build(
+        cls,
+        frame: Specs,
+        trajectory: Specs,
+        size_px: tuple[int, int],
+        *,
+        sets: Specs | None = None,
+    ) -> Self:
+        """Build metrics, and try each network once, since its weights may be missing.
 
         A wrong name or setting is raised.
         """
         blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
         metrics = cls({}, {})
-        for role, specs in (("frame", frame), ("trajectory", trajectory)):
+        for role, specs in (("frame", frame), ("trajectory", trajectory), ("set", sets or {})):
             for name, spec in specs.items():
                 metrics.about[name] = about = {"role": role, "asked": spec, "unavailable": None}
                 try_out = partial(_try_out, about=about, blank=blank)
@@ -90,6 +98,8 @@ def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:
         about["device"] = metric.device or "cpu"
     if about["role"] == "frame":
         metric(blank, blank, None)
+    if about["role"] == "set":
+        metric.features(blank.repeat(8, axis=0), blank.repeat(8, axis=0))
 
 
 @dataclass(frozen=True)
@@ -192,3 +202,10 @@ def _values(
     if futures is not None:
         for name, trajectory_metric in metrics.trajectory.items():
             yield name, trajectory_metric(*futures)
+    for name, set_metric in metrics.set.items():
+        if sample == 0:
+            if name not in clip.targets:
+                clip.targets[name] = set_metric.features(context.frames, target.frames)
+            yield name + FEATURES, clip.targets[name]
+        if sample < set_metric.max_samples:
+            yield name + FEATURES, set_metric.features(context.frames, predicted)

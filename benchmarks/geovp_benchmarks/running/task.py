@@ -74,7 +74,12 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     matrix = Matrix.model_validate_json(matrix_json)
     with on_device(matrix.device):
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
-        metrics = Metrics.build(matrix.frame_metrics, matrix.trajectory_metrics, matrix.size_px)
+        metrics = Metrics.build(
+            matrix.frame_metrics,
+            matrix.trajectory_metrics,
+            matrix.size_px,
+            sets=matrix.set_metrics,
+        )
     predictors: dict[str, Any] = {}
     needs = PrivilegedInput.NONE
     for method in matrix.methods:

@@ -24,6 +24,7 @@ def build(results: Results, name: str) -> list[Table]:
     headings = {
         metric + suffix: title(metric) + suffix for metric in paper.metrics for suffix in suffixes
     }
+    headings |= {metric: title(metric) for metric in paper.set_metrics}
     methods = _measured(results, published.row, paper.horizons)
     ours = table_of(name, "measured here", headings, methods, stored, published.decimals)
     ours = replace(ours, spread="standard-error")

@@ -9,11 +9,13 @@ import numpy as np
 
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.provenance import weights_notes
-from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, UNBOUNDED
+from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, FEATURES, UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.statistics import strata
+from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.intervals import Intervals, holm
 from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
+from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.tables.table_model import (
     Column,
     Row,
@@ -23,6 +25,8 @@ from geovp_benchmarks.tables.table_model import (
 )
 from geovp_benchmarks.tables.templates import template
 from geovp_classic.errors import BadData, nearest
+from geovp_classic.metrics.frechet import frechet_distances
+from geovp_classic.types import BoolArray
 
 
 def build(
@@ -199,13 +203,15 @@ def method_scores(
     for step in steps:
         alone = results.means(method.name, step, step)
         columns |= {f"{key} at {step}": values for key, values in alone.items()}
+    columns = {key: values for key, values in columns.items() if FEATURES not in key}
     # Failed clips are copies of the last frame, which count unless `strict`.
     failed = np.isin(clips, [*method.scored.failures]) & strict
     columns = {key: np.where(failed[:, None], np.nan, values) for key, values in columns.items()}
+    of_sets = _set_scores(results, method, failed)
     # Of samples the mean, and the best one by the real future.
     lines = []
     for suffix, reduce in reductions(method.num_samples).items():
-        scores = {}
+        scores = dict(of_sets)
         for key, values in columns.items():
             facts = stored_facts.facts_of(key, protocol)
             by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
@@ -223,6 +229,27 @@ def method_scores(
             )
         )
     return lines
+
+
+def _set_scores(results: Results, method: Method, left_out: BoolArray) -> dict[str, Score]:
+    """Return the Frechet distances of a method, the mean over sets of one sample per clip.
+
+    A set has no best sample, so that the distance is the same for all lines of the method.
+    """
+    protocol, scores = results.protocol(), {}
+    for key, about in protocol["metrics"].items():
+        stored = results.scores(method.name).values if about["role"] == "set" else {}
+        if (features := stored.get(key + FEATURES)) is None:
+            continue
+        is_known = np.isfinite(features).all(axis=(1, 2)) & ~left_out
+        values = np.full(len(features), np.nan)
+        if is_known.sum() > 1:
+            real, *samples = features[is_known].swapaxes(0, 1)
+            values[is_known] = np.mean(
+                [frechet_distances(real, sample) for sample in samples], axis=0
+            )
+        scores[key] = BlockBootstrap().interval(values, protocol["clips"], (0.0, np.inf))
+    return scores
 
 
 def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:

@@ -298,3 +298,16 @@ class Gap:
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> np.ndarray:
         return predicted.world_from_cam[:, 2, 3] - target.world_from_cam[:, 2, 3]
+
+
+@dataclass(frozen=True)
+class Brightness:
+    """The mean grey level of the last observed and of the last future frame as features."""
+
+    max_samples: int = 2
+    unit: ClassVar[str] = ""
+    higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def features(self, observed: np.ndarray, future: np.ndarray) -> np.ndarray:
+        return np.array([observed[-1].mean(), future[-1].mean()])
