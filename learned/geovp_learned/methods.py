@@ -1,7 +1,7 @@
 """The interface between the training loop and the methods, and the list of methods."""
 
 import pkgutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from torch.optim import Optimizer
 from geovp_classic.errors import UnknownComponent
 from geovp_classic.registry import nearest
 from geovp_classic.types import Clip
+from geovp_learned.stored_clips import Arrays
 
 Batch = dict[str, Tensor]
 Losses = dict[str, Tensor]  # scalars; "total" is minimised, all are logged
@@ -43,10 +44,14 @@ class Method(Protocol):
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """Build the optimiser of each network, under that network's name."""
 
-    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
-        """Return examples for training or validation, in memory; raise BadData if a clip lacks
-        something.
+    def prepare(self, clip: Clip) -> Arrays:
+        """Return what examples need of a clip, at the network's size; it is stored on disk.
+
+        Raises BadData if the clip lacks something.
         """
+
+    def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Any]:
+        """Return the places of the examples for training or validation in prepared clips."""
 
     def example(self, item: Any, rng: np.random.Generator) -> Batch:
         """Return tensors of a training example, augmented with `rng`; batches stack them."""

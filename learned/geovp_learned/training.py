@@ -1,16 +1,19 @@
 """The training loop of all methods, on Lightning Fabric: one CPU, one GPU, or several with DDP.
 
 A run is a folder: `state.ckpt` (the last checkpoint), `weights.safetensors` (the best weights so
-far) and the logs. A run that was stopped or killed is resumed from its last checkpoint and ends
-with the same result.
+far), the logs, and until it is finished `clips`, from which frames are read. A run that was stopped
+or killed is resumed from its last checkpoint and ends with the same result.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+import shutil
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,13 +30,19 @@ from tqdm import tqdm
 
 from geovp_classic import files
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import Dataset
-from geovp_classic.types import Clip
-from geovp_learned import batches, checkpoints, devices, training_config, training_log
+from geovp_learned import (
+    batches,
+    checkpoints,
+    devices,
+    stored_clips,
+    training_config,
+    training_log,
+)
 from geovp_learned.methods import Batch, Losses
+from geovp_learned.stored_clips import StoredClip
 from geovp_learned.training_config import Training, TrainingConfig
 
-STATE, WEIGHTS = "state.ckpt", "weights.safetensors"
+STATE, WEIGHTS, CLIPS = "state.ckpt", "weights.safetensors", "clips"
 
 
 @dataclass
@@ -152,8 +161,8 @@ class Trainer:
 
     def fit(self, limit_s: float) -> None:
         """Train from the current step to the end, or to the time limit."""
-        items = self.method.examples(_clips(self.config.train), training=True)
-        held_out = self.method.examples(_clips(self.config.validation), training=False)
+        items = self.method.examples(self.stored("train"), training=True)
+        held_out = self.method.examples(self.stored("validation"), training=False)
         if not len(items) or not len(held_out):
             raise BadData(
                 "no clip is long enough for one example: give the data sets a larger num_frames"
@@ -178,6 +187,15 @@ class Trainer:
                 self.save()
                 saved_s = progress.seconds
         self.save()
+        if self.is_finished and self.fabric.is_global_zero:
+            shutil.rmtree(self.folder / CLIPS, ignore_errors=True)
+
+    def stored(self, split: str) -> list[StoredClip]:
+        """Return the prepared clips of a split, which the first process stores for all."""
+        key = json.dumps([self.identity["settings"], self.identity["data"], split], default=str)
+        folder = self.folder / CLIPS / hashlib.sha256(key.encode()).hexdigest()[:12]
+        with self.fabric.rank_zero_first(local=True):
+            return stored_clips.store(getattr(self.config, split), self.method.prepare, folder)
 
     def train_step(self, batch: Batch) -> Losses:
         """Take a step; return the losses, "NETWORK.LOSS" where several networks learn."""
@@ -284,11 +302,3 @@ class Trainer:
         for logger in self.loggers:
             logger.log_metrics({"seconds": self.progress.seconds, **row}, self.progress.step)
             logger.save()
-
-
-def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
-    """Return the clips of all data sets, one after the other."""
-    for dataset in datasets:
-        indices = range(len(dataset))
-        for index in tqdm(indices, desc=f"reading {dataset.name}", leave=False, delay=2.0):
-            yield dataset[index]

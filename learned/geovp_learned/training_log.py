@@ -1,6 +1,7 @@
-"""Logs of a training run: a CSV file, and events for TensorBoard where it is installed."""
+"""Logs of a training run: a CSV file, and TensorBoard and wandb where they are installed."""
 
 import csv
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,9 +23,17 @@ def loggers(folder: Path, step: int) -> list[Logger]:
         if row_step <= step:
             csv_logger.log_metrics(dict(row), row_step)
     csv_logger.save()
-    if find_spec("tensorboard") is None:
-        return [csv_logger]
-    return [csv_logger, TensorBoardLogger(folder, name="tensorboard", version="")]
+    more: list[Logger] = []
+    if find_spec("tensorboard"):
+        more.append(TensorBoardLogger(folder, name="tensorboard", version=""))
+    if find_spec("wandb"):
+        from lightning.pytorch.loggers import WandbLogger  # importing it takes seconds
+
+        # offline unless WANDB_MODE says otherwise: nothing is uploaded unasked
+        is_offline = os.environ.get("WANDB_MODE", "offline") != "online"
+        name = folder.resolve().name
+        more.append(WandbLogger(name=name, save_dir=folder, id=name, offline=is_offline))
+    return [csv_logger, *more]
 
 
 def read(file: Path) -> list[dict[str, float]]:

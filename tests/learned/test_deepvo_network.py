@@ -79,7 +79,7 @@ def test_it_overfits_eight_windows() -> None:
     method = DeepVoTraining(
         architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3
     )
-    examples = method.examples([street.clip()], training=True)[:8]
+    examples = method.examples([method.prepare(street.clip())], training=True)[:8]
     rng = np.random.default_rng(0)
     batch = default_collate([method.example(each, rng) for each in examples])
     torch.manual_seed(0)

@@ -9,15 +9,17 @@ from torch.utils.data import default_collate
 
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray
+from geovp_learned import stored_clips
 from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture
 from geovp_learned.deepvo.train import DeepVoTraining
-from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation
 from geovp_learned.methods import Batch
+from geovp_learned.stored_clips import Window
 
 CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
-DRIVE = windows.read(street.clip(), CAMERA)
-REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
+DRIVE = windows.prepare(street.clip(), CAMERA)
+REAL = se3.inverse(DRIVE["world_from_cam"][:-1]) @ DRIVE["world_from_cam"][1:]
 
 
 def parts(batch: Batch) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -38,12 +40,16 @@ def yaw_deg(motion: FloatArray) -> FloatArray:
 
 
 def test_the_wide_image_is_read_where_there_is_one() -> None:
-    assert DRIVE.frames[0].shape == (
+    assert DRIVE["frames"][0].shape == (
         82,
         123,
         3,
     )  # 128 x 192, at 96 instead of 150 pixels of focal length
-    assert windows.read(replace(street.clip(), full=None), CAMERA).frames[0].shape == (82, 82, 3)
+    assert windows.prepare(replace(street.clip(), full=None), CAMERA)["frames"][0].shape == (
+        82,
+        82,
+        3,
+    )
 
 
 def test_mirroring_turns_right_into_left() -> None:
@@ -108,16 +114,16 @@ def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() ->
 
 
 def test_windows_are_every_run_that_fits() -> None:
-    assert [window.first for window in windows.windows([DRIVE], 7, 1)] == [0, 1, 2, 3]
-    assert [window.first for window in windows.windows([DRIVE], 7, stride=2)] == [0, 2]
-    assert windows.windows([DRIVE], 11, 1) == []
+    assert [window.first for window in stored_clips.windows([DRIVE], 7, 1)] == [0, 1, 2, 3]
+    assert [window.first for window in stored_clips.windows([DRIVE], 7, stride=2)] == [0, 2]
+    assert stored_clips.windows([DRIVE], 11, 1) == []
 
 
 def test_a_batch_draws_how_much_past_is_seen() -> None:
     method = DeepVoTraining(
         Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2
     )
-    examples = method.examples([street.clip()], training=True)
+    examples = method.examples([method.prepare(street.clip())], training=True)
     rng = np.random.default_rng(0)
     batch = default_collate([method.example(each, rng) for each in examples[:2]])
     assert batch["motions"].shape == (2, 6, 4, 4)

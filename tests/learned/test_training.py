@@ -5,7 +5,7 @@ a critic.
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import batches, checkpoints, training, training_log
 from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.stored_clips import Arrays
 from geovp_learned.training import learning_rate_factor
 from geovp_learned.training_config import Training, TrainingConfig
 
@@ -48,11 +49,14 @@ class LineTraining:
             "critic": torch.optim.SGD(critic, 0.01, momentum=0.9),
         }
 
-    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[tuple[float, float]]:
+    def prepare(self, clip: Clip) -> Arrays:
+        return {"times_s": clip.times_s, "frames": clip.frames}
+
+    def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[tuple[float, float]]:
         return [
             (float(t), float(frame.mean() / 255))
             for clip in clips
-            for t, frame in zip(clip.times_s, clip.frames, strict=True)
+            for t, frame in zip(clip["times_s"], clip["frames"], strict=True)
         ]
 
     def example(self, item: Any, rng: np.random.Generator) -> Batch:

@@ -1,6 +1,6 @@
 """Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -13,11 +13,12 @@ from torch.optim import Optimizer
 from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned import inert_pickle
+from geovp_learned import inert_pickle, stored_clips
 from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
-from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation
 from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.stored_clips import Arrays, Window
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,14 @@ class DeepVoTraining:
             return {"poses": torch.optim.Adagrad(parameters, self.rate)}
         return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
 
-    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Window]:
+    def prepare(self, clip: Clip) -> Arrays:
+        """Return frames for the network's camera, and poses."""
+        return windows.prepare(clip, self.architecture.camera)
+
+    def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Window]:
         """Cut windows from the clips: all for training, every fifth for validation."""
-        camera = self.architecture.camera
         num_frames = self.num_past + self.num_future
-        return windows.windows(
-            (windows.read(clip, camera) for clip in clips), num_frames, 1 if training else 5
-        )
+        return stored_clips.windows(clips, num_frames, 1 if training else 5)
 
     def example(self, item: Window, rng: np.random.Generator) -> Batch:
         """Return an augmented window."""

@@ -1,33 +1,16 @@
 """Training windows for DeepVO: clips resized for the network's camera, and their augmentation."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
+from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import tensors
 from geovp_learned.methods import Batch
+from geovp_learned.stored_clips import Arrays, Window, camera_array, camera_of
 from geovp_learned.tensors import MIRROR
-
-
-@dataclass(frozen=True)
-class ResizedClip:
-    """A clip at the network's resolution; with the wide frames where it has them."""
-
-    frames: tuple[ByteArray, ...]  # T of [h, w, 3]
-    camera: Intrinsics
-    world_from_cam: FloatArray  # [T, 4, 4], metres
-
-
-@dataclass(frozen=True)
-class Window:
-    """The frames of a clip from `first` on."""
-
-    clip: ResizedClip
-    first: int
 
 
 @dataclass(frozen=True)
@@ -49,22 +32,20 @@ class Augmentation:
 NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
-    """Read the clip for a network with this camera; raise BadData if there are no metric poses."""
+def prepare(clip: Clip, camera: Intrinsics) -> Arrays:
+    """Return the clip for a network with this camera, with the uncropped frames where it has them.
+
+    Raises BadData if there are no metric poses.
+    """
     trajectory = tensors.metric_trajectory(clip)
     source = clip if clip.full is None else clip.full
     pairs = [tensors.shrink(frame, source.intrinsics, camera) for frame in source.frames]
     frames, cameras = zip(*pairs, strict=True)
-    return ResizedClip(frames, cameras[0], trajectory.world_from_cam)
-
-
-def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int) -> list[Window]:
-    """Return every `stride`-th window of `num_frames` frames."""
-    return [
-        Window(clip, first)
-        for clip in clips
-        for first in range(0, len(clip.frames) - num_frames + 1, stride)
-    ]
+    return {
+        "frames": np.stack(frames),
+        "world_from_cam": trajectory.world_from_cam,
+        "camera": camera_array(cameras[0]),
+    }
 
 
 def sample(
@@ -87,7 +68,8 @@ def sample(
     mirrored, fast, turning, grey = rng.random(4) < probabilities
     rate_rad = np.deg2rad(rng.uniform(-1, 1) * augmentation.turn_deg) * turning
     gamma = np.exp(rng.uniform(-1, 1) * augmentation.gamma)
-    clip, last = window.clip, len(window.clip.frames) - 1
+    clip, source = window.clip, camera_of(window.clip["camera"])
+    frames, last = clip["frames"], len(clip["frames"]) - 1
     stride = 2 if fast and window.first + 2 * (num_past - 1) <= last else 1
     steps = window.first + stride * np.arange(num_past + num_future)
     is_known = steps[1:] <= last
@@ -99,11 +81,10 @@ def sample(
     mirror = MIRROR if mirrored else np.eye(4)
     images = []
     for step, rotation in zip(steps[:num_past], cam_from_turned @ mirror, strict=False):
-        frame = clip.frames[step]
-        image = tensors.reproject(frame, clip.camera, camera, rotation[:3, :3])
+        image = tensors.reproject(frames[step], source, camera, rotation[:3, :3])
         images.append(tensors.grey(image) if grey else image)
     gamma_table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
-    world_from_cam = clip.world_from_cam[np.minimum(steps, last)] @ cam_from_turned
+    world_from_cam = clip["world_from_cam"][np.minimum(steps, last)] @ cam_from_turned
     relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
     return {
         "images": tensors.bytes_from_frames(gamma_table[np.stack(images)]),

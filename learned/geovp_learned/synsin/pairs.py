@@ -2,8 +2,8 @@
 them.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,38 +12,30 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import tensors
 from geovp_learned.methods import Batch
+from geovp_learned.stored_clips import Arrays, Window, camera_array, camera_of
 from geovp_learned.tensors import MIRROR, images_from_frames
 
 
-@dataclass(frozen=True)
-class Example:
-    """A frame of a clip from which later ones are to be predicted."""
-
-    clip: Clip
-    last: int
-
-
-def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
-    """Return all frames that have `max_horizon` frames after them; raise BadData if a clip has no
-    metric poses.
-    """
-    frames = []
-    for clip in clips:
-        tensors.metric_trajectory(clip)
-        frames += [Example(clip, last) for last in range(len(clip) - max_horizon)]
-    return frames
+def prepare(clip: Clip) -> Arrays:
+    """Return what pairs need of a clip; raise BadData if it has no metric poses."""
+    arrays = {
+        "frames": clip.frames,
+        "world_from_cam": tensors.metric_trajectory(clip).world_from_cam,
+        "camera": camera_array(clip.intrinsics),
+    }
+    return arrays if clip.depths is None else {**arrays, "depths": clip.depths}
 
 
 def frame_pairs(
-    example: Example, horizons: Sequence[int], *, mirrored: bool = False, in_grey: bool = False
+    example: Window, horizons: Sequence[int], *, mirrored: bool = False, in_grey: bool = False
 ) -> Batch:
-    """Return tensors of the frame of an example and of the frames `horizons` steps later."""
-    clip, last = example.clip, example.last
+    """Return tensors of the first frame of a window and of the frames `horizons` steps later."""
+    clip, last = example.clip, example.first
     steps = [last, *(last + horizon for horizon in horizons)]
-    poses = tensors.metric_trajectory(clip).world_from_cam[steps]
-    motions, camera = se3.inverse(poses[1:]) @ poses[0], clip.intrinsics
-    frames = tensors.grey(clip.frames[steps]) if in_grey else clip.frames[steps]
-    depth = np.zeros(frames.shape[1:3]) if clip.depths is None else clip.depths[last]
+    poses = clip["world_from_cam"][steps]
+    motions, camera = se3.inverse(poses[1:]) @ poses[0], camera_of(clip["camera"])
+    frames = tensors.grey(clip["frames"][steps]) if in_grey else clip["frames"][steps]
+    depth = clip["depths"][last] if "depths" in clip else np.zeros(frames.shape[1:3])
     with np.errstate(divide="ignore"):
         inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
     if mirrored:

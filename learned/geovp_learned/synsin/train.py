@@ -2,7 +2,7 @@
 thesis, eq. 3.7).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -13,10 +13,10 @@ from torch.optim import Adam, Optimizer
 
 from geovp_classic.types import Clip
 from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.stored_clips import Arrays, Window, windows
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
 from geovp_learned.synsin.network import Architecture
-from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.published import PublishedGenerator
 from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.tensors import psnr_db
@@ -76,13 +76,17 @@ class SynSinTraining:
             for name, network in networks.items()
         }
 
-    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Example]:
-        """Return all frames with enough frames after them; in validation, every
-        `validation_stride`-th of them.
-        """
-        return pairs.examples(clips, self.max_horizon)[:: 1 if training else self.validation_stride]
+    def prepare(self, clip: Clip) -> Arrays:
+        """Return frames, poses and camera, and depth where it is known."""
+        return pairs.prepare(clip)
 
-    def example(self, item: Example, rng: np.random.Generator) -> Batch:
+    def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Window]:
+        """Return all frames with enough frames after them; in validation, every
+        `validation_stride`-th of a clip.
+        """
+        return windows(clips, 1 + self.max_horizon, 1 if training else self.validation_stride)
+
+    def example(self, item: Window, rng: np.random.Generator) -> Batch:
         """Return an example with horizons drawn from `rng`, some mirrored, some grey."""
         horizons = 1 + rng.choice(
             self.max_horizon, self.views, replace=self.views > self.max_horizon
@@ -110,7 +114,7 @@ class SynSinTraining:
         loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
         return {"generator": self._summed(terms), "discriminator": {"total": loss}}
 
-    def validation_example(self, item: Example) -> Batch:
+    def validation_example(self, item: Window) -> Batch:
         """Return an example at some horizons."""
         fractions = (0.05, 0.25, 0.5, 0.75, 1.0)
         horizons = {max(1, round(fraction * self.max_horizon)) for fraction in fractions}

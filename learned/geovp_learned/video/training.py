@@ -1,7 +1,7 @@
 """What training SVG, SRVP and SLAMP has in common; a method adds its network and its losses."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,6 +14,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
 from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.stored_clips import Arrays, Window, windows
 from geovp_learned.tensors import bytes_from_frames, grey, psnr_db
 
 
@@ -63,15 +64,20 @@ class VideoTraining(ABC):
         """Build Adam, as in all three papers."""
         return {"video": Adam(networks["video"].parameters(), self.rate)}
 
-    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[ByteArray]:
+    def prepare(self, clip: Clip) -> Arrays:
+        """Return the frames, resized; the uncropped ones where there are any."""
+        height_px, width_px = self.architecture.size_px
+        shown = clip if clip.full is None else clip.full
+        return {"frames": resize(shown.frames, width_px, height_px)}
+
+    def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Window]:
         """Cut windows of num_past + num_future frames."""
         stride = self.window_stride if training else self.validation_stride
-        size_px = self.architecture.size_px
-        return windows(clips, size_px, self.num_past + self.num_future, stride)
+        return windows(clips, self.num_past + self.num_future, stride)
 
-    def example(self, item: ByteArray, rng: np.random.Generator) -> Batch:
+    def example(self, item: Window, rng: np.random.Generator) -> Batch:
         """Return a window as "images" [T, 3, H, W] of bytes: some mirrored, some grey."""
-        frames = item
+        frames = self._frames(item)
         if rng.random() < self.mirror_probability:
             frames = frames[:, :, ::-1]
         if rng.random() < self.grey_probability:
@@ -83,9 +89,13 @@ class VideoTraining(ABC):
         images = self._images(batch)
         return {"video": self.losses(networks["video"], images, step)}
 
-    def validation_example(self, item: ByteArray) -> Batch:
+    def validation_example(self, item: Window) -> Batch:
         """Return a window as it is."""
-        return {"images": bytes_from_frames(item)}
+        return {"images": bytes_from_frames(self._frames(item))}
+
+    def _frames(self, item: Window) -> ByteArray:
+        """Return the frames [T, H, W, 3] of a window."""
+        return item.clip["frames"][item.first :][: self.num_past + self.num_future]
 
     def validation_step(self, networks: Networks, batch: Batch) -> Losses:
         """Return the mean PSNR (dB) of one sample and of the last frame repeated, at the network's
@@ -104,23 +114,6 @@ class VideoTraining(ABC):
         images = batch["images"].float() / 255.0
         is_grey = self.architecture.coding.colours == 1
         return images.mean(dim=2, keepdim=True) if is_grey else images
-
-
-def windows(
-    clips: Iterable[Clip], size_px: tuple[int, int], num_frames: int, stride: int
-) -> list[ByteArray]:
-    """Return every `stride`-th window [num_frames, H, W, 3] of each clip, resized to (height,
-    width), of the uncropped frames where there are any; windows of a clip share their memory.
-    """
-    cut = []
-    for clip in clips:
-        shown = clip if clip.full is None else clip.full
-        frames = resize(shown.frames, size_px[1], size_px[0])
-        cut += [
-            frames[first : first + num_frames]
-            for first in range(0, len(frames) - num_frames + 1, stride)
-        ]
-    return cut
 
 
 def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:

@@ -14,9 +14,9 @@ from torch.utils.data import default_collate
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Clip
 from geovp_learned.methods import Losses
+from geovp_learned.stored_clips import Window
 from geovp_learned.synsin import pairs
 from geovp_learned.synsin.network import Architecture
-from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.train import SynSinTraining, Weights
 
 
@@ -62,7 +62,7 @@ def trained() -> Callable[..., Any]:
 
 
 def _trained(
-    method: SynSinTraining, examples: Sequence[Example], num_steps: int
+    method: SynSinTraining, examples: Sequence[Window], num_steps: int
 ) -> tuple[dict[str, nn.Module], list[Losses]]:
     """The networks after some steps on all examples at once, as they are, and the losses of every
     step.

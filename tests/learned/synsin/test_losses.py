@@ -7,8 +7,8 @@ from torch.utils.data import default_collate
 
 from geovp_classic.types import Clip
 from geovp_learned.lpips import WEIGHTS_VARIABLE, Lpips
+from geovp_learned.stored_clips import Window
 from geovp_learned.synsin import losses, pairs
-from geovp_learned.synsin.pairs import Example
 from geovp_learned.tensors import images_from_frames
 
 
@@ -38,7 +38,7 @@ def test_content_is_lpips_with_a_gradient(
 
 
 def test_later_frames_fit_at_the_true_depth_and_the_gradient_leads_there(clip: Clip) -> None:
-    batch = default_collate([pairs.frame_pairs(Example(clip, 2), [1, 2])])
+    batch = default_collate([pairs.frame_pairs(Window(pairs.prepare(clip), 2), [1, 2])])
     truth = torch.nan_to_num(batch["inverse_depths"])
     motion = [batch[name] for name in ("frames", "targets", "cam_from_last", "intrinsics")]
     at_truth, *wrong = (

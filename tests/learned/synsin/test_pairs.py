@@ -7,14 +7,14 @@ import torch
 
 from geovp_classic.types import Clip
 from geovp_learned.methods import Batch
+from geovp_learned.stored_clips import Window
 from geovp_learned.synsin import pairs
-from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.train import SynSinTraining
 from geovp_learned.tensors import images_from_frames
 
 
 def scene(clip: Clip, **changes: Any) -> Batch:
-    return pairs.frame_pairs(Example(clip, 3), [1, 4], **changes)
+    return pairs.frame_pairs(Window(pairs.prepare(clip), 3), [1, 4], **changes)
 
 
 def test_a_scene_holds_later_frames_and_the_motion_to_them(clip: Clip) -> None:
@@ -57,7 +57,7 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(clip: Clip) -
 def test_examples_are_mirrored_by_halves_and_grey_by_a_share(
     method: SynSinTraining, clip: Clip
 ) -> None:
-    often_grey, example = replace(method, grey_probability=0.25), Example(clip, 3)
+    often_grey, example = replace(method, grey_probability=0.25), Window(pairs.prepare(clip), 3)
     drawn = [often_grey.example(example, np.random.default_rng(seed)) for seed in range(200)]
     plain = scene(clip)["inverse_depths"]
     mirrored = sum(not torch.equal(each["inverse_depths"], plain) for each in drawn)

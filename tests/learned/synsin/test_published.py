@@ -131,7 +131,7 @@ def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(
 def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
     trained: Callable[..., Any], tiny: SynSinTraining, clip: Clip, tmp_path: Path
 ) -> None:
-    networks, _ = trained(tiny, tiny.examples([clip], training=True)[:2], num_steps=2)
+    networks, _ = trained(tiny, tiny.examples([tiny.prepare(clip)], training=True)[:2], num_steps=2)
     torch.manual_seed(0)
     for name, fresh in tiny.build().items():
         before = dict(fresh.named_parameters())

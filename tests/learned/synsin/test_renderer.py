@@ -16,7 +16,8 @@ from geovp_classic.types import (
     Views,
 )
 from geovp_learned import checkpoints
-from geovp_learned.synsin.pairs import Example
+from geovp_learned.stored_clips import Window
+from geovp_learned.synsin import pairs
 from geovp_learned.synsin.renderer import SynSin
 from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.synsin.train import SynSinTraining
@@ -34,7 +35,11 @@ def overfitted(
     """A weights file of a network that knows by heart what comes two steps after the last of the
     past frames, and after the next one.
     """
-    networks, _ = trained(method, [Example(clip, NUM_PAST - 1), Example(clip, NUM_PAST)], 100)
+    networks, _ = trained(
+        method,
+        [Window(pairs.prepare(clip), NUM_PAST - 1), Window(pairs.prepare(clip), NUM_PAST)],
+        100,
+    )
     file = tmp_path_factory.mktemp("weights") / "overfitted.safetensors"
     checkpoints.write(file, "synsin", method, networks, {"seconds": 1})
     return file

@@ -16,7 +16,7 @@ from geovp_learned.synsin.train import SynSinTraining, Weights
 def test_at_first_only_depth_learns(
     trained: Callable[..., Any], method: SynSinTraining, clip: Clip
 ) -> None:
-    examples = method.examples([clip], training=True)[:2]
+    examples = method.examples([method.prepare(clip)], training=True)[:2]
     networks, history = trained(replace(method, depth_first_steps=3), examples, num_steps=3)
     torch.manual_seed(0)
     fresh = method.build()["generator"].state_dict()
@@ -37,7 +37,7 @@ def test_an_adversary_takes_turns_with_the_generator(
 ) -> None:
     weights = replace(method.weights, adversarial=0.1)
     adversarial = replace(method, weights=weights, discriminator_width=8)
-    examples = adversarial.examples([clip], training=True)[:2]
+    examples = adversarial.examples([adversarial.prepare(clip)], training=True)[:2]
     networks, history = trained(adversarial, examples, num_steps=30)
     assert set(networks) == {"generator", "discriminator"}
     wanted = history[0]["generator.colour"] + 0.1 * (
@@ -52,8 +52,8 @@ def test_an_adversary_takes_turns_with_the_generator(
 
 def test_validation_looks_at_some_examples(method: SynSinTraining, clip: Clip) -> None:
     sparse = replace(method, validation_stride=3)
-    examples = sparse.examples([clip], training=False)
-    assert [one.last for one in examples] == [0, 3, 6]
+    examples = sparse.examples([sparse.prepare(clip)], training=False)
+    assert [one.first for one in examples] == [0, 3, 6]
     networks = {name: network.eval() for name, network in sparse.build().items()}
     batch = default_collate([sparse.validation_example(example) for example in examples])
     with torch.no_grad():

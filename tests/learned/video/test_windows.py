@@ -3,7 +3,7 @@
 import numpy as np
 
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned.video import training
+from geovp_learned.stored_clips import Window, windows
 from geovp_learned.video.svg import SvgTraining
 
 
@@ -17,19 +17,30 @@ def clip(num_frames: int) -> Clip:
 
 
 def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
-    found = training.windows([clip(10), clip(3), clip(5)], size_px=(4, 6), num_frames=4, stride=3)
-    assert [window[:, 0, 0, 0].tolist() for window in found] == [
-        [0, 1, 2, 3],
-        [3, 4, 5, 6],
-        [6, 7, 8, 9],
-        [0, 1, 2, 3],
+    clips = [{"frames": clip(length).frames} for length in (10, 3, 5)]
+    places = windows(clips, num_frames=4, stride=3)
+    assert [(len(each.clip["frames"]), each.first) for each in places] == [
+        (10, 0),
+        (10, 3),
+        (10, 6),
+        (5, 0),
     ]
-    assert found[0].shape == (4, 4, 6, 3)
-    assert np.shares_memory(found[0], found[1])  # frame 3 is in both
+
+
+def test_an_example_has_the_frames_of_its_window() -> None:
+    method = SvgTraining(num_past=2, num_future=3, mirror_probability=0.0)
+    prepared = method.prepare(clip(8))
+    assert prepared["frames"].shape == (8, 64, 64, 3)
+    (last,) = method.examples([prepared], training=True)[-1:]
+    images = method.example(last, np.random.default_rng(0))["images"]
+    assert images[:, 0, 0, 0].tolist() == [3, 4, 5, 6, 7]
+    assert method.validation_example(last)["images"].shape == (5, 3, 64, 64)
 
 
 def test_grey_is_luma_in_all_three_channels() -> None:
     green = np.zeros((2, 4, 4, 3), np.uint8)
     green[..., 1] = 200
-    images = SvgTraining(grey_probability=1.0).example(green, np.random.default_rng(0))["images"]
+    images = SvgTraining(grey_probability=1.0).example(
+        Window({"frames": green}, 0), np.random.default_rng(0)
+    )["images"]
     assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
