@@ -43,6 +43,7 @@ class FeatureDistance:
     higher_is_better: ClassVar[bool] = False
     bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
     variable: ClassVar[str] = ""
+    compared: ClassVar[str] = ""  # in words
 
     def __post_init__(self) -> None:
         checkpoints.identify(self, self.file)
@@ -57,6 +58,15 @@ class FeatureDistance:
                 "file (docs/concepts/metrics.md)"
             )
         return Path(given).expanduser()
+
+    @property
+    def protocol(self) -> str:
+        """Return the definition in words."""
+        return (
+            f"Frechet distance between {self.compared}; features by {self.file.name} "
+            f"{self.fingerprint}; mean over the first {self.max_samples} samples, or all if fewer; "
+            "it falls with the number of clips"
+        )
 
     def _features(self, images: ByteArray) -> FloatArray:
         """Return the features [D] of images [T, H, W, 3]; raise BadData for another output."""
@@ -78,16 +88,8 @@ class Fvd(FeatureDistance):
     The network maps clips [N, 3, T, H, W] to features [N, D]; in the paper it is I3D, with 400.
     """
 
-    variable: ClassVar[str] = "GEOVP_I3D_WEIGHTS"
-
-    @property
-    def protocol(self) -> str:
-        """Return the definition in words."""
-        return (
-            "Frechet distance between the real and the predicted clips, observed frames included; "
-            f"features by {self.file.name} {self.fingerprint}; mean over the first "
-            f"{self.max_samples} samples, or all if fewer; it falls with the number of clips"
-        )
+    variable = "GEOVP_I3D_WEIGHTS"
+    compared = "real and predicted clips, observed frames included"
 
     def features(self, observed: ByteArray, future: ByteArray) -> FloatArray:
         """Return the features [D] of all frames of a clip."""
@@ -105,16 +107,8 @@ class Fid(FeatureDistance):
     size_px: tuple[int, int] = (299, 299)
     step: int = -1  # index of the predicted frame
 
-    variable: ClassVar[str] = "GEOVP_INCEPTION_WEIGHTS"
-
-    @property
-    def protocol(self) -> str:
-        """Return the definition in words."""
-        return (
-            f"Frechet distance between real and predicted frames of index {self.step}; features by "
-            f"{self.file.name} {self.fingerprint}; mean over the first {self.max_samples} samples, "
-            "or all if fewer; it falls with the number of clips"
-        )
+    variable = "GEOVP_INCEPTION_WEIGHTS"
+    compared = "single real and predicted frames"
 
     def features(self, observed: ByteArray, future: ByteArray) -> FloatArray:
         """Return the features [D] of a predicted frame."""

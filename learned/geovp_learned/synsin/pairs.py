@@ -3,7 +3,6 @@ them.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,7 +11,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import tensors
 from geovp_learned.methods import Batch
-from geovp_learned.stored_clips import Arrays, Window, camera_array, camera_of
+from geovp_learned.stored_clips import Arrays, Window, camera_array
 from geovp_learned.tensors import MIRROR, images_from_frames
 
 
@@ -33,7 +32,8 @@ def frame_pairs(
     clip, last = example.clip, example.first
     steps = [last, *(last + horizon for horizon in horizons)]
     poses = clip["world_from_cam"][steps]
-    motions, camera = se3.inverse(poses[1:]) @ poses[0], camera_of(clip["camera"])
+    motions = se3.inverse(poses[1:]) @ poses[0]
+    fx_px, fy_px, cx_px, cy_px, width_px, _ = clip["camera"]
     frames = tensors.grey(clip["frames"][steps]) if in_grey else clip["frames"][steps]
     depth = clip["depths"][last] if "depths" in clip else np.zeros(frames.shape[1:3])
     with np.errstate(divide="ignore"):
@@ -41,13 +41,13 @@ def frame_pairs(
     if mirrored:
         frames, inverse_depth = frames[:, :, ::-1], inverse_depth[:, ::-1]
         motions = MIRROR @ motions @ MIRROR
-        camera = replace(camera, cx_px=camera.width_px - 1 - camera.cx_px)
+        cx_px = width_px - 1 - cx_px
     images = images_from_frames(frames)
     return {
         "frames": images[0],  # [3, H, W] in [0, 1]
         "targets": images[1:],  # [V, 3, H, W]
         "cam_from_last": torch.from_numpy(motions).float(),  # [V, 4, 4], metres
-        "intrinsics": intrinsics_tensor(camera)[0],
+        "intrinsics": torch.tensor([fx_px, fy_px, cx_px, cy_px]).float(),
         # [H, W] 1/m of the frame; NaN where it is not known
         "inverse_depths": torch.from_numpy(inverse_depth.copy()).float(),
     }

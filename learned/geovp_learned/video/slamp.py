@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from geovp_learned.methods import Losses
 from geovp_learned.tensors import pixel_grid
-from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, initialise
+from geovp_learned.video.autoencoder import Decoder, Encoder, initialise
 from geovp_learned.video.driving_networks import (
     SIZES_PX,
     GridDecoder,
@@ -26,13 +26,13 @@ from geovp_learned.video.driving_networks import (
     SpatialEncoder,
 )
 from geovp_learned.video.latents import GaussianLstm, LstmPredictor, Memory, drawn, summed_nats
-from geovp_learned.video.training import VideoNetwork, VideoTraining
+from geovp_learned.video.training import VideoArchitecture, VideoNetwork, VideoTraining
 
 MIN_INSIDE = 0.9999  # of a sampled pixel; with less it shows nothing
 
 
 @dataclass(frozen=True)
-class Architecture:
+class Architecture(VideoArchitecture):
     """Sizes of the networks; stored with the weights. `latent_size` is of each branch.
 
     `form` "generic" has the networks for square images; "kitti" and "cityscapes" have those for
@@ -40,7 +40,6 @@ class Architecture:
     64, with a latent size of 32). Other defaults are those of args.py and of the README for BAIR.
     """
 
-    coding: AutoencoderConfig = field(default_factory=AutoencoderConfig)
     hidden_size: int = 256
     predictor_layers: int = 2
     latent_layers: int = 1
@@ -51,8 +50,7 @@ class Architecture:
     @property
     def size_px(self) -> tuple[int, int]:
         """Return height and width of the images."""
-        square = self.coding.size_px, self.coding.size_px
-        return square if self.form == "generic" else SIZES_PX[self.form][0]
+        return super().size_px if self.form == "generic" else SIZES_PX[self.form][0]
 
 
 class Blend(NamedTuple):

@@ -14,21 +14,20 @@ from torch.distributions import Normal, kl_divergence
 from torch.nn import functional
 
 from geovp_learned.methods import Losses
-from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, initialise
+from geovp_learned.video.autoencoder import Decoder, Encoder, initialise
 from geovp_learned.video.latents import drawn, summed_nats
-from geovp_learned.video.training import VideoNetwork, VideoTraining
+from geovp_learned.video.training import VideoArchitecture, VideoNetwork, VideoTraining
 
 MIN_STD = 1e-8
 
 
 @dataclass(frozen=True)
-class Architecture:
+class Architecture(VideoArchitecture):
     """Sizes of the networks; stored with the weights.
 
     Defaults of args.py, and of the README's command for KTH and Human3.6M where there are none.
     """
 
-    coding: AutoencoderConfig = field(default_factory=AutoencoderConfig)
     use_skips: bool = True
     inference_size: int = 256  # hidden units of inference and of the content vector
     inference_layers: int = 3
@@ -39,11 +38,6 @@ class Architecture:
     latent_size: int = 50
     first_frames: int = 3  # from which the first state and the content are inferred
     steps_per_frame: int = 2  # of Euler's method
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Return height and width of the images."""
-        return self.coding.size_px, self.coding.size_px
 
 
 class Output(NamedTuple):

@@ -15,26 +15,20 @@ from torch.distributions import Normal
 from torch.nn import functional
 
 from geovp_learned.methods import Losses
-from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, initialise
+from geovp_learned.video.autoencoder import Decoder, Encoder, initialise
 from geovp_learned.video.latents import GaussianLstm, LstmPredictor, Memory, drawn, summed_nats
-from geovp_learned.video.training import VideoNetwork, VideoTraining
+from geovp_learned.video.training import VideoArchitecture, VideoNetwork, VideoTraining
 
 
 @dataclass(frozen=True)
-class Architecture:
+class Architecture(VideoArchitecture):
     """Sizes of the networks; stored with the weights. Defaults of train_svg_lp.py; z of BAIR."""
 
-    coding: AutoencoderConfig = field(default_factory=AutoencoderConfig)
     hidden_size: int = 256
     predictor_layers: int = 2
     latent_layers: int = 1
     latent_size: int = 64
     last_frame_skip: bool = False  # skips of the last frame, not of one among the observed
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Return height and width of the images."""
-        return self.coding.size_px, self.coding.size_px
 
 
 class Output(NamedTuple):

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from geovp_classic.types import ByteArray, Clip
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.stored_clips import Arrays, Window, windows
 from geovp_learned.tensors import bytes_from_frames, grey, psnr_db
+from geovp_learned.video.autoencoder import AutoencoderConfig
 
 
 class VideoNetwork(nn.Module):
@@ -32,10 +33,22 @@ class VideoNetwork(nn.Module):
 
 
 @dataclass(frozen=True)
+class VideoArchitecture:
+    """Sizes of the networks of a method; a subclass adds its own."""
+
+    coding: AutoencoderConfig = field(default_factory=AutoencoderConfig)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return height and width of the images."""
+        return self.coding.size_px, self.coding.size_px
+
+
+@dataclass(frozen=True)
 class VideoTraining(ABC):
     """The training settings that all three methods have."""
 
-    architecture: Any  # the method's dataclass; has a field `coding`
+    architecture: VideoArchitecture
     num_past: int = 10
     num_future: int = 10
     window_stride: int = 1

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.utils.data import default_collate
 
 from geovp_classic.types import ByteArray
+from geovp_learned.stored_clips import Window
 from geovp_learned.tensors import images_from_frames
 from geovp_learned.video.slamp import Output as SlampOutput
 from geovp_learned.video.training import VideoTraining
@@ -105,7 +106,9 @@ def test_validation_compares_with_the_last_frame_at_the_networks_size(
     moved = still.copy()
     moved[PAST:] = still[PAST:] // 2
     networks = {name: network.eval() for name, network in method.build().items()}
-    batch = default_collate([method.validation_example(frames) for frames in (still, moved)])
+    batch = default_collate(
+        [method.validation_example(Window({"frames": frames}, 0)) for frames in (still, moved)]
+    )
     with torch.no_grad():
         numbers = method.validation_step(networks, batch)
     scores = {name: float(number) for name, number in numbers.items()}
