@@ -47,7 +47,7 @@ def test_the_table_has_the_distance_with_its_interval_and_clips(results: Results
     main = tables.build(results)[0]
     (column,) = (column for column in main.columns if column.key == "fvd")
     assert (column.heading, column.higher_is_better) == ("FVD ↓", False)
-    still, mean_of_noise, best_of_noise = main.methods
+    still, mean_of_noise, best_of_noise = main.rows
     score = still.scores["fvd"]
     assert score.mean == pytest.approx(4.0)
     assert (score.clips, score.low, score.high) == (5, pytest.approx(4.0), pytest.approx(4.0))
@@ -64,16 +64,16 @@ def test_figures_over_steps_leave_features_out(results: Results) -> None:
 
 def test_differences_are_those_of_the_distances(results: Results) -> None:
     against = tables.against(results, "still")
-    noise = against.methods[0].scores["fvd"]
+    noise = against.rows[0].scores["fvd"]
     main = tables.build(results)[0]
-    gap = main.methods[1].scores["fvd"].mean - 4.0
+    gap = main.rows[1].scores["fvd"].mean - 4.0
     assert noise.mean == pytest.approx(gap)
 
 
 def test_kept_predictions_can_be_rescored(results: Results, tmp_path: Path) -> None:
     again = Results(tmp_path / "again")
     rescore(results, again, stored_metrics(results))
-    assert tables.build(again)[0].methods[0].scores["fvd"].mean == pytest.approx(4.0)
+    assert tables.build(again)[0].rows[0].scores["fvd"].mean == pytest.approx(4.0)
 
 
 def test_papers_of_stochastic_methods_list_fvd() -> None:
