@@ -23,7 +23,8 @@ class _Explanations(NamedTuple):
     moved: FloatArray
     is_seen: BoolArray  # [H, W], in most of the earlier frames
     parallax_px: FloatArray  # largest distance between both explanations
-    motion_px_s: FloatArray  # [H, W, 2], own motion, into the past
+    # [H, W, 2], own motion into the past, without the rotation of the camera
+    motion_px_s: FloatArray
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,10 @@ class MovingRegions:
     # Motion of a region that stays in place, over the distance between both explanations
     max_stay_ratio: float = 0.25
     min_area_fraction: float = 0.0015  # of the image
+    # Inverse depth over that of the ground: less lies below it, beyond the error of both
+    max_below_ratio: float = 0.7
+    min_isotropy: float = 0.1  # of the gradients of a region: 1 for corners, 0 for parallel edges
+    min_seen_fraction: float = 0.5  # of a region, in most of the earlier frames
     # Median distance of the flow from a translation and a scale, at the farthest frame.
     max_misfit_px: float = 2.5
     min_inverse_depth: float = 0.002  # over the mean step of the camera; farther ones count as this
@@ -56,15 +61,25 @@ class MovingRegions:
         past: Trajectory,
         camera: Intrinsics,
         inverse_depth: FloatArray,  # [H, W], of the last frame
+        ground: FloatArray | None = None,  # [H, W], inverse depth of the ground; 0 above it
     ) -> list[MovingPatch]:
         """Return the moving patches of the last frame, without overlap."""
         strides = [stride for stride in self.strides if stride < len(greys)]
         step_lengths = se3.step_lengths(past.world_from_cam)
         if len(strides) < 2 or not step_lengths.any():
             return []
-        explained = self._explain(greys, past, camera, inverse_depth, strides)
 
-        # Connected pixels that move on their own, without gaps and specks.
+        # No static surface lies below the ground. A car ahead at the camera's speed seems to: it
+        # has no parallax.
+        below = np.zeros(inverse_depth.shape, bool)
+        static_depth = inverse_depth
+        if ground is not None:
+            below = inverse_depth < self.max_below_ratio * ground
+            static_depth = np.maximum(inverse_depth, ground)
+        explained = self._explain(greys, past, camera, static_depth, strides)
+
+        # Candidates: textured pixels that move on their own, and what lies below the ground,
+        # without gaps and specks.
         is_moving = explained.moved < self.max_difference_ratio * explained.static
         is_moving &= explained.static - explained.moved > self.min_gain
         is_moving &= explained.parallax_px > self.min_parallax_px
@@ -73,31 +88,50 @@ class MovingRegions:
         is_moving &= contrast > self.min_contrast
         is_moving &= explained.moved < self.max_own_ratio * contrast
         square = np.ones((self.window_px, self.window_px), np.uint8)
-        moving = cv2.morphologyEx(is_moving.view(np.uint8), cv2.MORPH_CLOSE, square)
-        moving = cv2.morphologyEx(moving, cv2.MORPH_OPEN, square)
-        num_regions, regions, statistics, _ = cv2.connectedComponentsWithStats(moving)
-        min_area = self.min_area_fraction * moving.size
+        is_moving |= below & (explained.moved < explained.static)
+        candidates = cv2.morphologyEx(is_moving.view(np.uint8), cv2.MORPH_CLOSE, square)
+        candidates = cv2.morphologyEx(candidates, cv2.MORPH_OPEN, square)
+
+        # Regions whose own motion explains the frames before. Parallel edges, such as a kerb, do
+        # not show their motion along themselves (aperture problem).
+        gradients = np.stack(
+            [cv2.Sobel(greys[-1], cv2.CV_32F, dx, 1 - dx) for dx in (1, 0)], axis=-1
+        )
+        num_regions, regions, statistics, _ = cv2.connectedComponentsWithStats(candidates)
+        min_area = self.min_area_fraction * candidates.size
         max_s = float(past.times_s[-1] - past.times_s[-1 - strides[-1]])
+        nearest = self.min_inverse_depth / float(step_lengths.mean())
         patches = []
         for region in range(1, num_regions):
             if statistics[region, cv2.CC_STAT_AREA] < min_area:
                 continue
             mask = regions == region
-            shown_depth = float(np.median(inverse_depth[mask]))
-            nearest = self.min_inverse_depth / float(step_lengths.mean())
+            if not self._moves(mask, explained):
+                continue
+            if self._isotropy(gradients, mask) < self.min_isotropy:
+                continue
             parallax_px = float(np.median(explained.parallax_px[mask]))
+            shown_depth = max(float(np.median(inverse_depth[mask])), nearest)
             patch = self._patch(
-                mask,
-                explained.motion_px_s,
-                parallax_px,
-                max(shown_depth, nearest),
-                past,
-                camera,
-                max_s,
+                mask, explained.motion_px_s, parallax_px, shown_depth, past, camera, max_s
             )
             if patch is not None:
                 patches.append(patch)
         return patches
+
+    @staticmethod
+    def _isotropy(gradients: FloatArray, mask: BoolArray) -> float:
+        """Return the ratio of the eigenvalues of a region's structure tensor."""
+        smaller, larger = np.linalg.eigvalsh(gradients[mask].T @ gradients[mask])
+        return float(smaller / max(larger, 1e-9))
+
+    def _moves(self, mask: BoolArray, explained: _Explanations) -> bool:
+        """Return whether the own motion of a region explains what the static scene does not."""
+        is_used = mask & explained.is_seen & (explained.parallax_px > self.min_parallax_px)
+        if is_used.sum() < self.min_seen_fraction * mask.sum():
+            return False
+        static, moved = explained.static[is_used].mean(), explained.moved[is_used].mean()
+        return bool(moved < self.max_difference_ratio * static and static - moved > self.min_gain)
 
     def _explain(
         self,
@@ -113,20 +147,25 @@ class MovingRegions:
         pixels = pixels.astype(np.float32)
         flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
 
-        # A constant motion that fits the flow to all earlier frames (least squares).
+        # Where the rotation of the camera alone takes the pixels: K R K^-1. What is left of the
+        # flow is a constant motion in the image (least squares).
         elapsed_s = [float(past.times_s[-1] - past.times_s[-1 - stride]) for stride in strides]
-        flows = [flow.calc(last, greys[-1 - stride], None) for stride in strides]
-        motion_px_s = sum(s * f for s, f in zip(elapsed_s, flows, strict=True))
-        motion_px_s = motion_px_s / sum(s * s for s in elapsed_s)
+        rotated = [self._rotated(past, stride, camera) for stride in strides]
+        motion_px_s = np.zeros((*last.shape, 2), np.float32)
+        for stride, time_s, homography in zip(strides, elapsed_s, rotated, strict=True):
+            matched = pixels + flow.calc(last, greys[-1 - stride], None)
+            back = cv2.perspectiveTransform(matched, np.linalg.inv(homography))
+            motion_px_s += np.float32(time_s) * (back - pixels)
+        motion_px_s /= np.float32(sum(time_s**2 for time_s in elapsed_s))
 
         # Where each explanation finds the pixels in the earlier frames, and how they differ there.
         static, moved_difference, num_seen, parallax_px = np.zeros((4, *last.shape), np.float32)
-        for stride, time_s in zip(strides, elapsed_s, strict=True):
+        for stride, time_s, homography in zip(strides, elapsed_s, rotated, strict=True):
             earlier = greys[-1 - stride]
             pose, last_pose = past.world_from_cam[[-1 - stride, -1]]
             earlier_from_last = se3.inverse(pose) @ last_pose
             projected, ratio = Epipolar.of(camera, earlier_from_last, camera).project(inverse_depth)
-            moved = pixels + np.float32(time_s) * motion_px_s
+            moved = cv2.perspectiveTransform(pixels + np.float32(time_s) * motion_px_s, homography)
             is_seen = (ratio > 0) & _is_inside(projected, last.shape)
             is_seen &= _is_inside(moved, last.shape)
             num_seen += is_seen
@@ -139,6 +178,11 @@ class MovingRegions:
         return _Explanations(
             static / count, moved_difference / count, is_seen, parallax_px, motion_px_s
         )
+
+    def _rotated(self, past: Trajectory, stride: int, camera: Intrinsics) -> FloatArray:
+        """Return the homography [3, 3] from the last frame to an earlier one, of far points."""
+        earlier, last = past.world_from_cam[[-1 - stride, -1], :3, :3]
+        return camera.matrix @ earlier.T @ last @ np.linalg.inv(camera.matrix)
 
     def _contrast(self, image: ByteArray) -> FloatArray:
         """Return the standard deviations [H, W] of windows of an image."""
@@ -183,11 +227,12 @@ class MovingRegions:
         earlier_ray = matrix @ [*(middle + max_s * shift_px_s), 1]
         depth = 1 / inverse_depth
         earliest = int(np.argmin(np.abs(past.times_s - (past.times_s[-1] - max_s))))
-        now = past.world_from_cam[-1] @ [*(depth * ray), 1]
-        before = past.world_from_cam[earliest] @ [*(depth / size * earlier_ray), 1]
+        rotation = past.world_from_cam[-1, :3, :3]
+        now = past.world_from_cam[-1, :3, 3] + rotation @ (depth * ray)
+        before = past.world_from_cam[earliest, :3, 3] + rotation @ (depth / size * earlier_ray)
         shift_px = max_s * np.linalg.norm(shift_px_s)
         stays = bool(shift_px < self.max_stay_ratio * parallax_px)
-        return MovingPatch(mask, inverse_depth, (now - before)[:3] / max_s, stays)
+        return MovingPatch(mask, inverse_depth, (now - before) / max_s, stays)
 
 
 def _is_inside(pixels: FloatArray, shape: tuple[int, ...]) -> BoolArray:

@@ -7,6 +7,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
+from geovp_classic.layers.ground import GroundFit
 from geovp_classic.layers.moving_regions import MovingRegions
 from geovp_classic.observation import observations_of
 from geovp_classic.observation import recent as recent_frames
@@ -50,6 +51,8 @@ class DepthFusion:
     # None: the exposure stays that of the last frame.
     exposure: ExposureControl | None = ExposureControl()
 
+    # None: no surface is taken for the ground.
+    ground: GroundFit | None = GroundFit()
     # None: everything is taken for a part of the static scene.
     moving: MovingRegions | None = MovingRegions()
 
@@ -93,8 +96,11 @@ class DepthFusion:
             is_known &= ~mask
         # What moves on its own is no part of it.
         patches: list[MovingPatch] = []
+        ground = None
+        if self.ground is not None:
+            ground = self.ground.inverse_depths(inverse_depths[-1], confidence[-1])
         if self.moving is not None:
-            patches = self.moving.detect(greys, past, recent.intrinsics, inverse_depths[-1])
+            patches = self.moving.detect(greys, past, recent.intrinsics, inverse_depths[-1], ground)
         for patch in patches:
             is_known[-1] &= ~patch.mask
         # Uncropped frames are rendered at their own resolution.

@@ -4,10 +4,21 @@ import cv2
 import numpy as np
 import pytest
 
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.depth.multiview import Multiview
+from geovp_classic.layers.ground import GroundFit
 from geovp_classic.layers.moving_regions import MovingRegions
+from geovp_classic.observation import Observer, observations_of
 from geovp_classic.rendering.layered_scene import LayeredScene
 from geovp_classic.rendering.source import Source
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory, Views
+from geovp_classic.types import (
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    PrivilegedInput,
+    Trajectory,
+    Views,
+)
 
 SIDE = 128
 CAMERA = Intrinsics(100.0, 100.0, 63.5, 63.5, SIDE, SIDE)
@@ -96,3 +107,53 @@ def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
     assert views.covered[0][middle].all()
     np.testing.assert_allclose(views.depths[0][middle], 5, rtol=0.05)
     assert (views.frames[0][:30] == 77).all()
+
+
+def test_a_car_ahead_without_parallax_moves_although_the_camera_shakes() -> None:
+    """The static scene would explain it by infinite depth, which lies below the ground."""
+    world_from_cam, times_s = drive().world_from_cam.copy(), drive().times_s
+    images = []
+    for step, frame in enumerate(frames(0)):
+        pitch, _ = cv2.Rodrigues(np.array([0.01 * np.sin(step), 0, 0]))  # one pixel
+        world_from_cam[step, :3, :3] = pitch
+        homography = CAMERA.matrix @ pitch.T @ np.linalg.inv(CAMERA.matrix)
+        images.append(cv2.warpPerspective(frame, homography, (SIDE, SIDE)))
+    past = Trajectory(world_from_cam, times_s, is_metric=True)
+    apparent = WALL.copy()
+    apparent[SQUARE] = 0.0
+    (patch,) = MovingRegions().detect(np.stack(images), past, CAMERA, apparent, WALL)
+    truth = np.zeros((SIDE, SIDE), bool)
+    truth[SQUARE] = True
+    assert (patch.mask & truth).sum() / (patch.mask | truth).sum() > 0.7
+    assert MovingRegions().detect(np.stack(images), past, CAMERA, apparent, None) == []
+
+
+def test_parallel_edges_do_not_show_their_motion() -> None:
+    """Stripes along the motion of the camera look alike under any motion along themselves."""
+    stripes = frames(0)
+    rows = 50 * np.sin(np.arange(40) / 2) + 128
+    for image in stripes:
+        image[SQUARE] = rows.astype(np.uint8)[:, None]
+    apparent = WALL.copy()
+    apparent[SQUARE] = 0.0
+    assert MovingRegions().detect(stripes, drive(), CAMERA, apparent, WALL) == []
+
+
+def test_moving_cars_of_the_street_are_found() -> None:
+    """With exact poses; oncoming cars look like static ones that are nearer."""
+    found, moving, hit = 0, 0, 0
+    dataset = Synthetic(num_clips=7)
+    for number in (2, 6):
+        clip = dataset[number]
+        context = Observer().observe(clip.split(10, PrivilegedInput.PAST_POSES)[0]).context
+        depth, confidence = Multiview().inverse_depths(context, context.past)
+        ground = GroundFit().inverse_depths(depth[-1], confidence[-1])
+        greys = observations_of(context, "crop").greys
+        patches = MovingRegions().detect(greys, context.past, context.intrinsics, depth[-1], ground)
+        mask = np.zeros(depth.shape[1:], bool)
+        for patch in patches:
+            mask |= patch.mask
+        found, moving = found + mask.sum(), moving + clip.moving[9].sum()
+        hit += (mask & clip.moving[9]).sum()
+    assert hit > 0.8 * found
+    assert hit > 0.5 * moving
