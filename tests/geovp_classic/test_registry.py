@@ -126,6 +126,12 @@ def test_a_value_of_another_type_is_named(field: str, value: Any, message: str) 
         registry.build("forecasters", {"name": "drift", field: value})
 
 
+@pytest.mark.parametrize("spec", [3, {}, {"name": 5}, {"name": "walk"}])
+def test_an_incomplete_table_is_refused(spec: Any) -> None:
+    with pytest.raises(BadData, match=r"expected a table|needs the field"):
+        registry.build("pose_sources", spec)
+
+
 def test_components_that_cannot_be_used_are_still_listed() -> None:
     assert registry.names("forecasters") == ["deep", "drift", "gone", "odd"]
     with pytest.raises(MissingExtra, match=r"pip install 'geovp\[learned\]'"):

@@ -34,11 +34,6 @@ class Score:
         return self.clips > 0 and bool(np.nanmax(np.abs(self.values)) < 1e-6)
 
     @property
-    def is_significant(self) -> bool:
-        """Return whether the mean differs from zero, p < .05; never with too few clips."""
-        return self.p_value < 0.05 and not self.has_few_clips
-
-    @property
     def has_few_clips(self) -> bool:
         """Return whether the effective clips are too few to rely on the interval."""
         return self.effective_clips < 8

@@ -7,13 +7,6 @@ from geovp_classic.depth import completion
 from geovp_classic.types import BoolArray, FloatArray
 
 
-def test_gaps_show_the_background() -> None:
-    values = np.array([[0.5, 0, 0.1, 0, 0], [0, 0, 0, 0, 0]], np.float32)
-    filled = completion.fill_from_background(values, values > 0)
-    np.testing.assert_allclose(filled, [[0.5, 0.1, 0.1, 0.1, 0.1], [0.5, 0.1, 0.1, 0.1, 0.1]])
-    assert not completion.fill_from_background(values, np.zeros(values.shape, dtype=bool)).any()
-
-
 def slow_fill(values: FloatArray, known: BoolArray) -> FloatArray:
     filled = np.where(known, values, np.nan)
     for _ in range(2):  # rows, then columns, turned back by the second turn

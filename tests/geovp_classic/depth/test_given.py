@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import Context, Intrinsics, Trajectory
 
@@ -29,6 +29,16 @@ def test_it_inverts_and_trusts_all_but_the_unknown(context: Context) -> None:
         confidence, [[[1, 0, 1]], [[1, 1, 0]]]
     )  # 0 = infinitely far is known of the sky
     assert isinstance(Given(), DepthSource)
+
+
+def test_it_says_what_it_lacks(context: Context) -> None:
+    with pytest.raises(Incompatible, match="the clip has none"):
+        Given().inverse_depths(replace(context, past_depths=None), PAST)
+    with pytest.raises(
+        Incompatible,
+        match="recorded depth is in metres, the poses are not: give the odometry a scale",
+    ):
+        Given().inverse_depths(context, replace(PAST, is_metric=False))
 
 
 @pytest.mark.parametrize("wrong", [-1.0, np.nan])

@@ -94,14 +94,6 @@ def test_frames_must_be_observed(observe: Observe) -> None:
         estimate(context, past, Multiview(frames=(-4,)))
 
 
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.01])
-def test_without_parallax_nothing_is_known(observe: Observe, yaw_rad: float) -> None:
-    context, past, _ = observe(_drive(step=0.0, yaw_rad=yaw_rad))
-    inverse_depths, confidence = Multiview().inverse_depths(context, past)
-    assert not confidence.any()
-    assert not inverse_depths.any()
-
-
 def test_noisy_poses_of_a_stationary_camera_show_no_parallax(observe: Observe) -> None:
     context, past, _ = observe(_drive(step=0.0))
     noisy = past.world_from_cam.copy()

@@ -10,6 +10,7 @@ import pytest
 import street
 
 from geovp_classic import registry
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import FloatArray
 
 CLIP = replace(street.clip(), name="street/000003")
@@ -67,3 +68,15 @@ def test_relative_maps_are_aligned_with_multi_view_depth(tmp_path: Path) -> None
     inverse_depth, _ = estimate(tmp_path, values="inverse-depth", align=True)
     error = np.abs(inverse_depth - TRUTH)[:, 15:]
     assert error.max() < 0.05 * TRUTH.max()
+
+
+def test_errors_say_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="no depth map of frame 8"):
+        estimate(tmp_path)
+    np.savez(tmp_path / f"{LAST:06d}.npz", TRUTH)
+    source = registry.build("depth_sources", {"name": "recorded", "path": str(tmp_path)})
+    context, _ = CLIP.split(NUM_PAST, source.needs)
+    with pytest.raises(Incompatible, match="align = true"):
+        source.inverse_depths(context, replace(CLIP.trajectory[:NUM_PAST], is_metric=False))
+    with pytest.raises(BadData, match="baseline"):
+        estimate(tmp_path, values="disparity")

@@ -6,11 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from geovp_classic import registry
 from geovp_classic.depth import stereo
 from geovp_classic.depth.stereo import Stereo
-from geovp_classic.errors import Incompatible
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import Context, ExtraView, FloatArray, Trajectory
+from geovp_classic.types import Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
 BASELINE_M = 0.5
 Pair = tuple[Context, Trajectory, FloatArray]
@@ -55,6 +56,19 @@ def test_rows_match_and_columns_differ_by_the_disparity(pair: Pair) -> None:
     )
     error = np.abs(shifted - context.frames[1, 10, 10:60, 0]).mean(axis=1)
     assert shifts[np.argmin(error)] == pytest.approx(2.586, abs=0.25)
+
+
+def test_what_it_needs(pair: Pair) -> None:
+    context, past, _ = pair
+    assert registry.build("depth_sources", "stereo").needs == PrivilegedInput.RIGHT_FRAMES
+    with pytest.raises(Incompatible, match="right images"):
+        Stereo().inverse_depths(context.only(PrivilegedInput.NONE), past)
+    with pytest.raises(Incompatible, match="scale"):
+        Stereo().inverse_depths(context, dataclasses.replace(past, is_metric=False))
+    with pytest.raises(BadData, match="of 2 observed"):
+        Stereo(frames=(2,)).inverse_depths(context, past)
+    with pytest.raises(BadData, match="expected a frame"):
+        Stereo(nearest_m=0.0)
 
 
 @pytest.mark.parametrize(

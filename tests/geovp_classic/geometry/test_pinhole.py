@@ -87,20 +87,6 @@ def test_resized_images_agree_with_resized_intrinsics() -> None:
     np.testing.assert_allclose(measured, expected, atol=0.02)
 
 
-def test_the_middle_of_a_wide_image_keeps_the_aspect_asked_for() -> None:
-    camera = Intrinsics(100.0, 100.0, 59.5, 24.5, 120, 50)
-    (rows, columns), small = pinhole.centre_crop(camera, (40, 20))  # 2 : 1, so 100 x 50 of it
-    assert (rows, columns) == (slice(0, 50), slice(10, 110))
-    assert (small.width_px, small.height_px, small.fx_px, small.fy_px) == (40, 20, 40.0, 40.0)
-    assert (small.cx_px, small.cy_px) == (19.5, 9.5)
-
-
-def test_shrinking_takes_the_mean_of_the_area() -> None:
-    image = np.random.default_rng(0).integers(0, 256, (8, 12, 3), dtype=np.uint8)
-    means = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(pinhole.resize(image, (6, 4)), means, atol=0.51)
-
-
 @pytest.mark.parametrize(
     ("size_px", "overshoots"),
     [((16, 8), True), ((8, 16), True), ((4, 16), False), ((16, 4), False)],

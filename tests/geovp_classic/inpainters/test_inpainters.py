@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from geovp_classic.errors import BadData
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.inpainters.nearest_background import NearestBackground
@@ -75,14 +76,14 @@ def test_an_uncovered_view_is_the_last_frame_with_all_its_detail() -> None:
         np.testing.assert_array_equal(inpainter.inpaint(random_views([0.0]), last)[0], last)
 
 
+@pytest.mark.parametrize("settings", [{"coarse_fraction": 1.0}, {"strength": -0.1}])
+def test_bad_settings_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(BadData, match=next(iter(settings))):
+        DetailTransfer(**settings)
+
+
 @pytest.mark.parametrize("inpainter", INPAINTERS, ids=lambda inpainter: type(inpainter).__name__)
 class TestAllInpainters:
-    def test_colours_of_uncovered_pixels_do_not_matter(self, inpainter: Inpainter) -> None:
-        views = random_views([0.6])
-        other = np.where(views.covered[..., None], views.frames, 255 - views.frames)
-        inpainted = inpaint(inpainter, Views(other, views.covered, views.depths))
-        np.testing.assert_array_equal(inpainted, inpaint(inpainter, views))
-
     def test_views_are_independent(self, inpainter: Inpainter) -> None:
         views = random_views([0.9, 0.5, 0.2])
         together = inpaint(inpainter, views)

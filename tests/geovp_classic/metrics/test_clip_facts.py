@@ -40,13 +40,6 @@ def facts_of(drive: Clip) -> dict[str, float]:
     return clip_facts(*drive.split(PAST, ~PrivilegedInput.NONE))
 
 
-def test_a_straight_drive_does_not_turn_in_any_world_frame() -> None:
-    facts = facts_of(clip(np.full(8, 33.0)))
-    assert facts == pytest.approx(
-        {"yaw_deg": 0.0, "speed_m_s": 8.0, "step_m": 0.8}, abs=1e-6
-    )  # .8 m at 10 Hz
-
-
 @pytest.mark.parametrize(
     ("headings_deg", "yaw_deg"),
     [

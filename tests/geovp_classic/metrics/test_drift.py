@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.metrics import drift
 from geovp_classic.types import Trajectory
@@ -103,6 +104,13 @@ def test_drift_and_relative_error_are_independent_of_the_world_frame(seed: int) 
         strict=True,
     ):
         np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_unequal_lengths_are_refused() -> None:
+    with pytest.raises(BadData, match="3 estimated poses for 4 real ones"):
+        drift.absolute_error_m(straight(2), straight(3))
+    with pytest.raises(BadData, match="expected 1 to 3"):
+        drift.relative_error(straight(3), straight(3), num_steps=4)
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:

@@ -161,10 +161,3 @@ def test_other_windows_and_borders_agree_with_scikit_image(
     rim = np.zeros((3, 64, 80), bool)
     rim[:, 0] = True
     assert np.isnan(metric(a, b, rim)).all() == (border == "valid")
-
-
-def test_the_smallest_frame_holds_one_window() -> None:
-    a = noise(0, (1, 7, 7, 3))
-    assert Ssim(window="uniform")(a, a, None).tolist() == [1.0]
-    with pytest.raises(BadData, match="at least 7x7 pixels"):
-        Ssim(window="uniform")(a[:, 1:], a[:, 1:], None)

@@ -100,16 +100,6 @@ def test_a_pitch_error_does_not_lower_the_score() -> None:
     ]  # the true camera looks lower, .70 px below the frame
 
 
-def test_frames_without_rotation_error_are_unchanged() -> None:
-    frames = np.random.default_rng(0).integers(0, 256, (2, 61, 81, 3), dtype=np.uint8)
-    poses = np.concatenate([looking(0.3, -0.1, 0.2)] * 2)
-    moved = poses.copy()
-    moved[:, :3, 3] += (1.0, 0.2, 5.0)  # a wrong position stays: only rotations are taken out
-    view, seen = turned_by(frames, moved, poses)
-    np.testing.assert_array_equal(view, frames)
-    assert seen.all()
-
-
 def test_pixels_outside_the_prediction_are_masked() -> None:
     # u_true = 40 + 100 tan(atan((u_predicted - 40) / 100) + a) at u_predicted = 0: 40 + 100 (.1 -
     # .4) / 1.04 = 11.2

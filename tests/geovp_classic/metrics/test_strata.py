@@ -64,16 +64,6 @@ def wall_points(target: Target) -> FloatArray:
     return cross(pose[:3, 3], pinhole.rays(CAMERA) @ pose[:3, :3].T, WALL_M)[0][..., :2]
 
 
-def test_a_stationary_camera_has_seen_everything() -> None:
-    in_one_frame = strata(*clip([at(x_m=1.0), at()], [at(x_m=1.0)]))
-    assert in_one_frame["seen"].all()
-    masks = strata(*clip([at()], [at(), at()]))
-    assert set(masks) == {"seen", "disoccluded"}
-    assert masks["seen"].shape == (2, 64, 64)
-    assert masks["seen"].all()
-    assert not masks["disoccluded"].any()
-
-
 def test_a_step_to_the_side_discloses_hidden_pixels_and_shows_new_ones() -> None:
     context, target = clip([at()], [at(x_m=1.0)])
     masks = strata(context, target)

@@ -30,12 +30,6 @@ def test_blank_frames_are_unusable(film: ByteArray, value: int, steps: list[int]
     assert np.flatnonzero(~usable(film)).tolist() == steps
 
 
-@pytest.mark.parametrize("steps", [[3], [7], [4, 5]])
-def test_duplicates_are_unusable_while_the_camera_moves(film: ByteArray, steps: list[int]) -> None:
-    film[steps] = film[steps[0] - 1]
-    assert np.flatnonzero(~usable(film)).tolist() == steps
-
-
 def test_a_stationary_starting_or_stopping_camera_has_no_duplicates(film: ByteArray) -> None:
     assert usable(np.repeat(film[:1], 8, axis=0)).all()
     assert usable(np.concatenate([film[:1], film[:1], film[:6]])).all()

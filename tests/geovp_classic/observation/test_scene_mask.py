@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
 from geovp_classic.observation import Observer
@@ -190,3 +191,23 @@ def test_a_drawn_mask_of_uncropped_frames_covers_their_crop(clip: Clip, tmp_path
     observed = Observer(mask=drawn(tmp_path / "mask.png", shape, np.s_[80:, :])).observe(context)
     assert observed.context.intrinsics.height_px == 80
     assert observed.context.full.intrinsics.height_px == 80
+
+
+@pytest.mark.parametrize(
+    ("shape", "masked", "message"),
+    [
+        ((SIDE, 2 * SIDE), np.s_[80:, :], "has 192x96 pixels, the frames 96x96"),
+        ((SIDE, SIDE), np.s_[:, 10:], "leaves 10x96 of 96x96 pixels"),
+        ((0, 0), np.s_[:, :], "is not an image"),
+    ],
+)
+def test_an_unsuitable_drawn_mask_is_refused(
+    clip: Clip, tmp_path: Path, shape: tuple[int, int], masked: tuple[slice, slice], message: str
+) -> None:
+    path = tmp_path / "mask.png"
+    path.write_bytes(b"")
+    if shape != (0, 0):
+        drawn(path, shape, masked)
+    context, _ = replace(clip, full=None).split(10, PrivilegedInput.NONE)
+    with pytest.raises(BadData, match=message):
+        Observer(mask=path).observe(context)

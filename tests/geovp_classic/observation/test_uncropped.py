@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from geovp_classic.depth.given import Given
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
-from geovp_classic.observation import observations_of
+from geovp_classic.observation import observations_of, recent
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import (
     Context,
@@ -52,6 +52,16 @@ def test_pixels_are_finer_than_the_square_s_where_there_are_such(
     np.testing.assert_allclose(edge, first, atol=1e-9)
 
 
+def test_what_cannot_be_done_is_refused() -> None:
+    context = noise_context()
+    with pytest.raises(Incompatible, match="the clip has none"):
+        uncropped(dataclasses.replace(context, full=None))
+    with_depths = dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32))
+    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
+    with pytest.raises(Incompatible, match="the crop only"):
+        recent(with_depths, past, "full", 2)
+
+
 @dataclasses.dataclass(frozen=True)
 class Wall:
     """All pixels of all frames are 10 away."""
@@ -61,14 +71,6 @@ class Wall:
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         """0.1 everywhere."""
         return np.full((2, *context.frames.shape[:3]), 0.1, np.float32)
-
-
-def test_uncropped_frames_are_granted_only_when_asked_for() -> None:
-    assert (
-        DepthFusion(Given(), frames="full").needs
-        == PrivilegedInput.FULL_FRAMES | PrivilegedInput.PAST_DEPTHS
-    )
-    assert DepthFusion(Given()).needs == PrivilegedInput.PAST_DEPTHS
 
 
 def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:

@@ -4,11 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geovp_classic import registry
 from geovp_classic.data.formats import pose_files
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.pose_sources.commanded import Commanded
-from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 OTHER_FROM_WORLD = se3.exp(np.array([9.0, -2.0, 4.0, 0.3, 1.2, -0.4]))
 TWIST = np.array([0.1, 0.0, 5.0, 0.0, 0.5, 0.02])  # per second
@@ -42,11 +43,6 @@ def test_speed_and_turn_rate_drive_a_circle(context: Context) -> None:
     np.testing.assert_allclose(quarter[:3, 2], [1, 0, 0], atol=1e-12)  # looks to where right was
 
 
-def test_the_distance_follows_from_the_times(context: Context) -> None:
-    ahead = last_from_future(Commanded(speed_m_s=10.0), context)
-    np.testing.assert_allclose(ahead[:, 2, 3], [1.5, 4.0])
-
-
 @pytest.mark.parametrize("start_s", [0.0, 100.2, 1.7e9])
 def test_a_tum_file_is_interpolated_at_the_times_to_predict(
     tmp_path: Path, context: Context, start_s: float
@@ -75,3 +71,25 @@ def test_a_command_that_ends_too_early_is_rejected(tmp_path: Path, context: Cont
     pose_files.write_tum(path, Trajectory(screw([0.0, 0.3]), np.array([0.0, 0.3]), is_metric=True))
     with pytest.raises(BadData, match=r"lasts 0\.3 s"):
         Commanded(path).estimate(context)
+
+
+def test_missing_inputs_are_reported(context: Context) -> None:
+    command = Commanded(speed_m_s=5.0)
+    with pytest.raises(Incompatible, match="the clip has none"):
+        command.estimate(context.only(PrivilegedInput.NONE))
+    with pytest.raises(Incompatible, match="command by a trajectory file"):
+        command.estimate(replace(context, past=replace(context.past, is_metric=False)))
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({}, "give exactly one of them"),
+        ({"futures": "command.txt", "speed_m_s": 3}, "give exactly one of them"),
+        ({"futures": "command.txt", "turn_deg_s": 3}, "leave turn_deg_s out"),
+        ({"futures": "nowhere.txt"}, r"nowhere\.txt is missing"),
+    ],
+)
+def test_bad_settings_are_rejected(table: dict[str, object], message: str) -> None:
+    with pytest.raises(BadData, match=message):
+        registry.build("pose_sources", {"name": "commanded", **table})

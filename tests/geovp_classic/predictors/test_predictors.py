@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,6 @@ import pytest
 from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.recorded_predictions import RecordedPredictions
@@ -110,11 +110,6 @@ class TestGeometricPredictor:
         assert prediction.covered.mean() == 0.5
         assert prediction.motion.futures.shape == (5, NUM_FUTURE, 4, 4)
 
-    def test_the_renderer_gets_the_past_of_the_pose_source(self, context: Context) -> None:
-        renderer = _XAsGrey()
-        GeometricPredictor(GroundTruth(), renderer).predict(context)
-        np.testing.assert_array_equal(renderer.past.world_from_cam, context.past.world_from_cam)
-
 
 def write_images(folder: Path, frames: ByteArray) -> None:
     """Write 8.png, 9.png, 10.png, ...: their order is that of numbers, not of letters."""
@@ -161,7 +156,28 @@ class TestRecorded:
         assert not motion.past.is_metric
 
 
+RIGHT = np.zeros((NUM_FUTURE, HEIGHT, WIDTH, 3), np.uint8)
+
+
 class TestInvalidRecords:
+    @pytest.mark.parametrize(
+        "arrays",
+        [
+            {"frames": RIGHT[:2]},
+            {"frames": RIGHT[:, 1:]},
+            {"frames": RIGHT.astype(float)},
+            {"frames": np.stack([RIGHT, RIGHT])},  # two samples instead of four
+            {"images": RIGHT},
+            {"frames": RIGHT, "covered": np.zeros(RIGHT.shape[:3])},  # float64
+        ],
+    )
+    def test_arrays_that_do_not_fit_the_clip(
+        self, folder: Path, context: Context, arrays: dict[str, FloatArray]
+    ) -> None:
+        np.savez(folder / "03/000180.npz", **arrays)
+        with pytest.raises(BadData, match=r"000180\.npz"):
+            RecordedPredictions(folder).predict(context, num_samples=4)
+
     @pytest.mark.parametrize(
         ("names", "message"),
         [
@@ -183,3 +199,20 @@ class TestInvalidRecords:
                 cv2.imwrite(str(path), np.zeros((size, 4)))
         with pytest.raises(BadData, match=message):
             RecordedPredictions(folder).predict(context)
+
+    def test_missing_poses(
+        self, folder: Path, context: Context, clip: Clip, frames: ByteArray
+    ) -> None:
+        write_images(folder / "03/000180", frames)
+        predictor = RecordedPredictions(folder, poses=folder)
+        with pytest.raises(BadData, match=r"000180\.txt: does not exist"):
+            predictor.predict(context)
+        pose_files.write_tum(folder / "03/000180.txt", clip.trajectory[:NUM_PAST])
+        with pytest.raises(BadData, match="4 poses, expected one of 7 frames"):
+            predictor.predict(context)
+
+    def test_no_folder_or_no_name(self, folder: Path, context: Context) -> None:
+        with pytest.raises(BadData, match="nowhere is not a folder"):
+            RecordedPredictions(folder / "nowhere")
+        with pytest.raises(BadData, match="predictions of clip ''"):
+            RecordedPredictions(folder).predict(replace(context, name=""))

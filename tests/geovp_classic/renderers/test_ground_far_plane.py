@@ -1,9 +1,12 @@
 """The ground and far plane on a plain under the sky, whose views are known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.nearest_background import NearestBackground
@@ -92,13 +95,6 @@ def test_depths_are_those_of_the_plain_and_the_sky() -> None:
     assert (views.depths[~views.covered] == 0).all()
 
 
-def test_a_stationary_camera_sees_the_last_frame() -> None:
-    clip = film(np.tile(np.eye(4), (10, 1, 1)))
-    views = predict(clip, GroundFarPlane())
-    assert views.covered.all()
-    np.testing.assert_array_equal(views.frames, clip.frames[NUM_PAST:])
-
-
 def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
     turn = se3.exp(
         np.outer(np.r_[np.zeros(8), [0.2, 0.5, 1.5, 3.0]], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
@@ -124,3 +120,13 @@ def test_a_camera_below_the_ground_sees_the_sky_only() -> None:
     views = scene.view(sunken[None], np.zeros(1), CAMERA)
     assert not views.covered[0, 61:].any()
     assert views.covered[0, :60].all()
+
+
+def test_missing_inputs_are_refused() -> None:
+    clip = film(DRIVE)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
+    past = clip.trajectory[:NUM_PAST]
+    with pytest.raises(Incompatible, match="set camera_height_m"):
+        GroundFarPlane().reconstruct(replace(context, camera_height_m=None), past)
+    with pytest.raises(Incompatible, match="give the odometry a scale"):
+        GroundFarPlane().reconstruct(context, replace(past, is_metric=False))

@@ -2,14 +2,13 @@
 
 import tracemalloc
 
-import cv2
 import numpy as np
 import pytest
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.rendering.image_sampler import ImageSampler
 from geovp_classic.rendering.rasterizer import NO_INDEX
-from geovp_classic.rendering.source import Source, resampled
+from geovp_classic.rendering.source import Source
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(40.0, 44.0, 19.5, 15.5, 40, 32)
@@ -85,17 +84,6 @@ def test_magnification_decides_between_fine_and_coarse_images(
     fraction = {"coarse": 0.0, "blend": 0.5, "fine": 1.0}[expected]
     blended = from_coarse + fraction * (from_fine - from_coarse)
     assert np.abs(frame - np.clip(blended, 0, 255)).max() < 1
-
-
-def test_resampling_keeps_pixels_and_continues_the_border() -> None:
-    frame = np.random.default_rng(2).integers(0, 255, (36, 49, 3), dtype=np.uint8)
-    source = Source(frame, SOURCE_CAMERA, np.eye(4))
-    np.testing.assert_array_equal(resampled(source, SOURCE_CAMERA), frame)
-    part = resampled(source, SOURCE_CAMERA.cropped(10, 5, 30, 20))
-    np.testing.assert_array_equal(part, frame[5:25, 10:40])
-    larger = resampled(source, SOURCE_CAMERA.cropped(-3, -2, 55, 40))
-    framed = cv2.copyMakeBorder(frame, 2, 2, 3, 3, cv2.BORDER_REPLICATE)
-    np.testing.assert_array_equal(larger, framed)
 
 
 def test_the_memory_of_a_sampled_image_is_bounded() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
+from geovp_classic.errors import BadData
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.volume_fusion import VolumeFusion
 from geovp_classic.rendering.volume import VolumeSettings, close_gaps
@@ -15,15 +16,6 @@ RENDERER = VolumeFusion(Given(), inpainter=Blank())
 
 def view(past: tuple[Context, Trajectory], pose: FloatArray, renderer: VolumeFusion) -> Views:
     return renderer.reconstruct(*past).view(pose, np.zeros(1), CAMERA)
-
-
-def test_a_wall_is_seen_from_nearer() -> None:
-    pose = at((0, 2))
-    views = view(past_of(at((0, 0), (0, 1))), pose, RENDERER)
-    assert views.covered.mean() > 0.99
-    np.testing.assert_allclose(views.depths[views.covered], 6.0, rtol=0.01)
-    difference = np.abs(views.frames[0].astype(int) - wall(pose[0])[0])
-    assert difference[views.covered[0]].mean() < 2
 
 
 def test_the_unit_of_the_poses_makes_no_difference() -> None:
@@ -74,3 +66,12 @@ def test_gaps_in_a_column_become_the_plane_between() -> None:
     closed = close_gaps(column, 2)[:, 0]
     np.testing.assert_allclose(closed, [0.1, 0.2, 0.3, 0.4, np.nan, np.nan, np.nan, 0.8, np.nan])
     np.testing.assert_allclose(close_gaps(column, 3)[4:7, 0], [0.5, 0.6, 0.7])
+
+
+def test_bad_settings_are_refused() -> None:
+    with pytest.raises(BadData, match="num_frames"):
+        VolumeFusion(num_frames=0)
+    with pytest.raises(BadData, match="max_depth_difference"):
+        VolumeFusion(max_depth_difference=1.0)
+    with pytest.raises(BadData, match="reach"):
+        VolumeSettings(reach=6.5)

@@ -24,11 +24,6 @@ def test_a_quarter_circle_to_the_right() -> None:
     np.testing.assert_allclose(end, [[radius_m, radius_m, np.pi / 2]], atol=1e-9)
 
 
-def test_a_command_is_valid_until_the_next_one() -> None:
-    commands = [Command(0.0, 2.0, 0.0), Command(1.5, 4.0, 0.0), Command(9.0, 100.0, 0.0)]
-    np.testing.assert_allclose(states(commands, [1.0, 2.0, 3.0])[:, 1], [2.0, 5.0, 9.0])
-
-
 def test_the_first_command_is_valid_before_its_time_and_old_ones_are_not() -> None:
     np.testing.assert_allclose(states([Command(5.0, 2.0, 0.0)], [1.0])[:, 1], [2.0])
     commands = [Command(0.0, 50.0, 0.0), Command(1.0, 2.0, 0.0)]
