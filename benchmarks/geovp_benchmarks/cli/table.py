@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> Lines:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.statistics import strata
-    from geovp_benchmarks.tables import formats, tables
+    from geovp_benchmarks.tables import clips, formats, tables
     from geovp_classic.errors import BadData
 
     results = Results(args.folder).select(*args.methods)
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> Lines:
     options = {"strict": args.strict, "metrics": args.metrics, "has_seeds": args.seeds}
     if args.per:
         for group in groups:
-            lines = tables.per_clip(group, args.metrics)
+            lines = clips.per_clip(group, args.metrics)
             if not lines:
                 raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
             heading = f"## {group.protocol()['name']}: clips, the worst first"

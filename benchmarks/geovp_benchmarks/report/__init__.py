@@ -13,7 +13,7 @@ from geovp_benchmarks.report import films, findings
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics import strata
-from geovp_benchmarks.tables import tables
+from geovp_benchmarks.tables import clips, tables
 from geovp_classic.atomic import write_bytes
 
 MAX_CLIPS = 500  # in the table of clips
@@ -65,7 +65,7 @@ def write(results: Results, options: plots.Options) -> None:
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
         clips=films.shown_clips(material, headline),
-        clip_table=tables.per_clip(results, metrics)[:MAX_CLIPS],
+        clip_table=clips.per_clip(results, metrics)[:MAX_CLIPS],
         step_s=material.step_s,
     )
     write_bytes(results.report, html.encode())

@@ -1,0 +1,59 @@
+"""Table of clips: what they are, how well methods predict them, and what shows them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geovp_benchmarks.results import stored_facts
+from geovp_benchmarks.results.score_names import COVERAGE
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.statistics import strata
+from geovp_benchmarks.tables.tables import method_scores
+
+
+def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
+    """Return the cells of a table with a row per clip, those with the worst score first.
+
+    It shows what is known of the clips, the scores of the methods, and what they show a clip by
+    where that varies; it is empty without scores. Metrics are by default the first of frames and
+    of poses, and the coverage.
+    """
+    protocol, facts = results.protocol(), results.clip_facts()
+    clips = protocol["clips"]
+    roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
+    defaults = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
+    keys = metrics or [*dict.fromkeys(defaults)]
+    columns: dict[str, list[str]] = {"clip": clips}
+
+    # What the clips are: numbers, then words of the data set.
+    names = dict.fromkeys(name for of_clip in facts.values() for name in of_clip)
+    for name in [*strata.FACTS, *(name for name in names if name not in strata.FACTS)]:
+        values = [facts.get(clip, {}).get(name, "-") for clip in clips]
+        if name != "interval_s" and set(values) != {"-"}:
+            is_text = all(isinstance(value, str) for value in values)
+            words, unit = (name, "") if is_text else strata.FACTS.get(name, (name, ""))
+            columns[stored_facts.with_unit(words, unit)] = [
+                value if isinstance(value, str) else f"{value:.3g}" for value in values
+            ]
+
+    # How well the methods predict them.
+    order = None
+    for method in (method for method in results.methods() if method.num_clips):
+        scores = method_scores(results, method)[0].scores
+        failures, shown_by = method.scored.failures, method.scored.shown_by
+        for key in (key for key in keys if key in scores):
+            about, of_method = stored_facts.facts_of(key, protocol), scores[key].values
+            heading = stored_facts.with_unit(stored_facts.title(key), about.get("unit", ""))
+            columns[f"{method.label}: {heading}"] = [
+                f"{value:.4g}{' (failed)' * (clip in failures)}"
+                for clip, value in zip(clips, of_method, strict=True)
+            ]
+            if order is None:
+                order = np.argsort(of_method if about.get("higher_is_better") else -of_method)
+        if set(shown_by.values()) - {"geometry"}:
+            columns[f"{method.label}: shown by"] = [
+                stored_facts.FALLBACKS.get(shown_by.get(clip, ""), "geometry") for clip in clips
+            ]
+    if order is None:
+        return []
+    return [[*columns], *([column[row] for column in columns.values()] for row in order)]
