@@ -159,7 +159,7 @@ def _over_seeds(rows: Sequence[Row], protocol: Mapping[str, Any]) -> list[Row]:
             means += group
             continue
         scores = {}
-        for key in group[0].scores:
+        for key in (key for key in group[0].scores if all(key in row.scores for row in group)):
             seeds = np.stack([row.scores[key].values for row in group])
             bounds = stored_facts.bounds(stored_facts.facts_of(key, protocol))
             scores[key] = Intervals().over_seeds(seeds, protocol["clips"], bounds)
