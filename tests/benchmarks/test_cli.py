@@ -11,6 +11,7 @@ import duckdb
 import pytest
 
 from geovp_benchmarks import cli
+from geovp_benchmarks.matrix import CONFIGS
 from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix
@@ -95,17 +96,6 @@ class TestRun:
             query = "SELECT value FROM scores WHERE method = 'still' AND clip = 'road/003'"
             assert duckdb.sql(query).fetchall() == [(1.0,), (2.0,)]
 
-    def test_limit_keep_workers_and_root(self, tmp_path: Path, printed: Says) -> None:
-        printed(
-            *run(
-                tmp_path, "--limit", "2", "--keep", "all", "--workers", "1", "--root", "/elsewhere"
-            )
-        )
-        results = Results(tmp_path / "out")
-        assert results.predictions(results.by_name()["still"]).names == ["road/000", "road/001"]
-        assert {method.num_clips for method in results.methods()} == {2}
-        assert results.protocol()["dataset"]["root"] == "/elsewhere"
-
 
 @pytest.mark.usefixtures("toys")
 class TestScore:
@@ -143,6 +133,11 @@ def python(code: str, **more: Any) -> str:
 
 
 class TestList:
+    def test_each_built_in_matrix_has_a_short_sentence(self, printed: Says) -> None:
+        lines = dict(line.split(": ", 1) for line in printed("list", "matrices").splitlines())
+        assert lines.keys() == {path.stem for path in CONFIGS.glob("*.toml")}
+        assert all(20 < len(sentence) < 120 for sentence in lines.values())
+
     def test_plug_ins_are_there_and_nothing_is_imported_for_them(self, toys: Path) -> None:
         heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "geovp_learned.lpips")
         lines = python(

@@ -56,13 +56,6 @@ def test_a_positive_error_is_not_bold_below_an_exact_one_whatever_its_interval_h
     assert {name for name, _ in best(rows, [column], CLIPS)} == {"exact"}
 
 
-def test_nothing_is_bold_below_eight_effective_clips() -> None:
-    drift = np.linspace(0, 30, 30)  # each clip is like the one before it
-    rows = row("a", SCENES[0] + drift), row("b", SCENES[0] + drift - 1)
-    assert rows[0].scores["psnr"].effective_clips < 8
-    assert bold(*rows) == set()
-
-
 def test_an_unfinished_row_and_one_without_rivals_are_not_bold() -> None:
     half = SCENES + 9
     half[:10] = np.nan

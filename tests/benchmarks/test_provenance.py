@@ -1,16 +1,12 @@
 """Ids of protocols, and what rows say of their networks' weights."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from geovp_benchmarks.matrix.components import nested, weights_of
 from geovp_benchmarks.results.provenance import protocol_id
-from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.running.rescore import rescore, stored_metrics
-from tests.benchmarks.made import STILL, content, go
 
 PSNR = {
     "role": "frame",
@@ -54,15 +50,6 @@ def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
     other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "methods": ["a"], "name": "other"}
     assert protocol_id(other) == protocol_id(PROTOCOL)
     assert len(protocol_id(PROTOCOL)) == 8
-
-
-@pytest.mark.usefixtures("toys")
-def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
-    go(tmp_path / "all", content(predictors=STILL), keep="3")  # of five clips
-    before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
-    rescore(before, after, stored_metrics(before))
-    assert after.protocol()["id"] == protocol_id(after.protocol())
-    assert after.protocol()["id"] != before.protocol()["id"]
 
 
 @dataclass(frozen=True)

@@ -50,20 +50,6 @@ class TestRows:
                 together = values(tmp_path / "out", method, f"toy-together{suffix}")
                 assert together == values(tmp_path / "out", method, f"toy-difference{suffix}")
 
-    def test_parts_share_motions_and_scenes(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        methods = go(tmp_path / "out", content({"clips": 1}, **crossed(log)))
-        assert [method.status for method in methods.values()] == ["done"] * 4
-        # two sources, two renderers, four methods, and both sources have the same past
-        assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
-        assert set(methods["a--r"].scored.seconds) == {
-            "observe",
-            "motion",
-            "reconstruct",
-            "view",
-            "metrics",
-        }
-
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
         assert methods["a--r"].privileged_inputs == ["PAST_POSES"]
@@ -86,19 +72,6 @@ class TestRows:
             protocol["metrics"]["toy-difference"]["definition"] == "mean over pixels and channels"
         )
         assert protocol["dataset"]["num_frames"] == 5
-
-    def test_a_few_predictions_and_their_clips_are_kept(self, tmp_path: Path) -> None:
-        tables = content({"clips": 9}, **crossed(tmp_path / "log"))
-        go(tmp_path, tables)
-        results = Results(tmp_path)
-        spread = ["road/000", "road/004", "road/008"]
-        assert results.predictions(results.by_name()["a--r"]).names == spread
-        assert results.clips().names == spread
-        kept = results.predictions(results.by_name()["b--q"]).read("road/004")
-        assert (kept.frames == 42).all()
-        assert kept.motion is not None
-        go(tmp_path, tables, keep="all")
-        assert len(results.predictions(results.by_name()["a--r"]).names) == 9
 
 
 @pytest.mark.usefixtures("toys")
@@ -145,16 +118,6 @@ class TestAgain:
         assert rows(tmp_path, "still") == first
         assert len(Results(tmp_path).clips().read("road/000").frames) == 5
         assert len(log.read_text().split()) == 3 * tried
-
-    def test_another_stride_recomputes_nothing(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        go(tmp_path, tables)
-        before = rows(tmp_path, "still")
-        tables["protocol"]["stride"] = 2
-        go(tmp_path, tables)
-        assert rows(tmp_path, "still") == before
-        assert len(log.read_text().split()) == 5
 
     def test_a_clip_in_front_recomputes_no_other(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

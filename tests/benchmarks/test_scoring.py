@@ -19,7 +19,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.metrics.stabilised import Stabilised
-from geovp_classic.metrics.trajectory import TranslationError
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -95,16 +94,6 @@ def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
     honest, false = (score(context, each, METRICS) for each in (right, lying))
     assert values(honest, "psnr") == values(false, "psnr") == values(false, "psnr-stabilised")
     assert min(values(honest, "psnr-stabilised")) > 42
-
-
-def test_a_row_without_a_camera_has_no_stabilised_score() -> None:
-    clip = drive()
-    still = Prediction(np.tile(clip.frames[PAST - 1], (1, FUTURE, 1, 1, 1)))
-    rows = score(ScoredClip(clip, PAST), still, METRICS)
-    assert list(rows.values) == ["psnr"]
-    unknown = replace(clip, trajectory=None)
-    rows = score(ScoredClip(unknown, PAST), predicted(clip, 1.0), METRICS)
-    assert list(rows.values) == ["psnr"]
 
 
 def content(**metrics: Any) -> dict[str, Any]:
@@ -221,19 +210,6 @@ def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
         0.0,
     )
     assert facts["speed_m_s"] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("sideways_m", "expected"), [([0.0, 1.0, 2.5], [0.0, 1.0, 2.5]), ([2.0], [2.0, 2.0, 2.0])]
-)
-def test_every_sample_has_its_future_or_all_share_one(
-    sideways_m: list[float], expected: list[float]
-) -> None:
-    metrics = Metrics({}, {"off": TranslationError()})
-    rows = score(ScoredClip(standing(), PAST), halves(3, sideways_m), metrics)
-    for sample, distance_m in enumerate(expected):
-        np.testing.assert_allclose(values(rows, "off", sample), [distance_m] * FUTURE, atol=1e-12)
-        np.testing.assert_array_equal(values(rows, "confidence", sample), [0.5, 0.25])
 
 
 @pytest.mark.parametrize("shape", [(1, 64, 64), (3, 64, 64), (2, 32, 64), (2, 64, 128)])

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables import formats, tables
+from geovp_benchmarks.tables import tables
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol
-from tests.benchmarks.test_tables import METRICS, row_of, write
+from tests.benchmarks.test_tables import METRICS, write
 
 ODD = r"50%_a & b {x} <script> $5 #1 ~^ \ [z]"
 
@@ -42,14 +42,6 @@ def results(tmp_path: Path) -> Results:
             num_samples=samples,
         )
     return results
-
-
-def test_rows_and_columns_stand_in_the_order_asked_for(results: Results) -> None:
-    selected = results.select("plain", "oracle")
-    (table,) = tables.build(selected, metrics=("coverage", "psnr"))
-    text = formats.markdown(table).splitlines()
-    assert row_of(text, "method") == ["method", "clips", "coverage", "PSNR (dB) ↑"]
-    assert [row.label for row in table.rows] == ["plain", "oracle"]
 
 
 def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:

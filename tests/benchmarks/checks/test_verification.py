@@ -96,12 +96,6 @@ class TestReproduction:
             " grey levels; not deterministic: two computations here differ as well"
         )
 
-    def test_a_clip_that_failed_before_fails_again(
-        self, tmp_path: Path, verified: Verified
-    ) -> None:
-        go(tmp_path, content(predictors={"broken": {"name": "toy-broken", "brightness": 30}}))
-        assert verified(tmp_path, *ALL)[0] == 0
-
     def test_a_metric_that_is_unavailable_here_is_named_and_fails(
         self, tmp_path: Path, verified: Verified
     ) -> None:

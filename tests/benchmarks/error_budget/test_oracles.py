@@ -158,12 +158,6 @@ def test_holes_are_copied_from_the_real_frame() -> None:
     assert (predicted[:, :, 32:] == 150).all()
 
 
-def test_exposure_is_matched_where_pixels_are_covered() -> None:
-    predicted, _ = oracle_clip(RECORDED, 150, range(10)).frames(frozenset({"exposure"}))
-    assert abs(predicted[:, :, :32].astype(int) - 150).max() <= 1
-    assert (predicted[:, :, 32:] == 0).all()
-
-
 def test_dynamic_objects_are_copied_from_the_real_frame() -> None:
     moving = np.zeros((10, 64, 64), dtype=bool)
     moving[9, :10] = True  # the last future frame

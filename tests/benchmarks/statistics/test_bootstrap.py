@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap, Groups
 from geovp_benchmarks.statistics.score import sequences_of
-from geovp_benchmarks.statistics.student import student_quantile
 from geovp_classic.types import FloatArray
 
 
@@ -45,13 +44,6 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     half = stats.t(35).ppf(0.975) * values.std(axis=1, ddof=1) / 6
     naive = (np.abs(values.mean(axis=1)) <= half).mean()
     assert (naive < 0.82) == (correlation == 0.5)
-
-
-@pytest.mark.parametrize("degrees", [1, 2, 5, 400])
-def test_quantiles_of_students_t_are_those_of_scipy(degrees: int) -> None:
-    for fraction in (0.5005, 0.9, 0.975, 0.99995):
-        expected = stats.t.ppf(fraction, degrees)
-        assert student_quantile(degrees, fraction) == pytest.approx(expected, rel=2e-6)
 
 
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
@@ -171,12 +163,3 @@ class TestStandardError:
         half = error * stats.t(degrees).ppf((1 + level) / 2)
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert found.effective_clips == pytest.approx(count / tau)
-
-
-def test_many_clips_have_the_interval_of_the_bootstrap_at_a_fraction_of_its_cost() -> None:
-    values = np.random.default_rng(11).normal(size=1000)
-    resampled = BlockBootstrap().interval(values, clips(1000))
-    normal = BlockBootstrap(max_resampled=999).interval(values, clips(1000))
-    assert (resampled.mean, resampled.effective_clips) == (normal.mean, normal.effective_clips)
-    assert normal.low == pytest.approx(resampled.low, abs=0.005)
-    assert normal.high == pytest.approx(resampled.high, abs=0.005)

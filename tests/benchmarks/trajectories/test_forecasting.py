@@ -20,9 +20,7 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import BodyForecast
 from geovp_classic.forecasting.constant import Hold
-from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.planar_forecaster import PlanarForecast
-from geovp_classic.forecasting.representative import Representative
 from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
@@ -78,18 +76,6 @@ def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
     assert scores["FDE m"] == pytest.approx(chord_m)
     assert scores["yaw deg @20"] == pytest.approx(np.degrees(0.2))
     assert not [name for name in scores if " in " in name or "best of" in name]
-
-
-def test_the_best_of_more_futures_is_no_worse() -> None:
-    source = TurnRateKalman()
-    for forecaster in (source, Representative(source)):
-        scores = window_scores(forecaster, *window())
-        for error in ("ADE m", "rotation deg"):
-            best = [float(scores[f"{error}, best of {count}"]) for count in (5, 10, 20)]
-            assert best == sorted(best, reverse=True)
-    centre = window_scores(Representative(source), *window())
-    # The first is the centre.
-    assert centre["ADE m, best of 5"] <= centre["ADE m"] + 1e-9
 
 
 def test_ranks_are_the_ellipsoids_probability() -> None:

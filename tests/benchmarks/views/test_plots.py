@@ -62,13 +62,6 @@ class TestFiles:
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
         assert files == {*both, "horizon-psnr-covered.svg"}
 
-    def test_selected_methods_and_metrics_alone_are_drawn(self, copied: Path) -> None:
-        results = Results(copied).select("gt + far", "copy-last")
-        pages = plots.write_all(results, Options(["psnr"]))
-        selected = {page.stem: page for page, _ in pages}
-        assert [*selected] == ["horizon-psnr"]
-        assert legend(selected["horizon-psnr"]) == ["gt + far", "copy-last"]
-
     def test_outdated_figures_go_and_foreign_files_stay(
         self, copied: Path, caplog: pytest.LogCaptureFixture
     ) -> None:
