@@ -89,7 +89,12 @@ def interpolate(
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
     """Return the rotation angles [...] in [0, pi]."""
-    return np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1)
+    rotation = b_from_a[..., :3, :3]
+    # R - R' is 2 sin(angle) [axis]x, with the norm sqrt(8) sin(angle); tr R is 1 + 2 cos(angle)
+    antisymmetric = rotation - np.swapaxes(rotation, -1, -2)
+    sine = np.linalg.norm(antisymmetric, axis=(-2, -1)) / np.sqrt(8)
+    cosine = (np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2
+    return np.arctan2(sine, cosine)
 
 
 def orthonormalised(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.geometry import pinhole, planar
+from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.robust import geman_mcclure_weight
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
@@ -70,15 +70,17 @@ class RoadAligner:
         # Pixels of the rows that may show it
         horizon = (1 / self.max_distance - normal[2]) / normal[1]  # on z = 1
         top = int(np.clip(camera.cy_px + camera.fy_px * horizon, 0, camera.height_px - 2))
-        rows, columns = np.mgrid[top : camera.height_px - 2, 2 : camera.width_px - 2]
-        pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
-        rays = pinhole.unproject(pixels, 1.0, camera)
-        inverse_depth = np.maximum(rays @ normal, 1e-6)
+        u = np.arange(2, camera.width_px - 2)
+        v = np.arange(top, camera.height_px - 2)
+        x = (u - camera.cx_px) / camera.fx_px
+        y = (v[:, None] - camera.cy_px) / camera.fy_px
+        inverse_depth = normal[0] * x + normal[1] * y + normal[2]
         # Those on the road: the ray r hits it at r / (m . r), with a height of 1
-        is_road = np.abs(rays[:, 0]) < self.half_width * inverse_depth
+        is_road = np.abs(x) < self.half_width * inverse_depth
         is_road &= inverse_depth < 1 / self.min_distance
         is_road &= inverse_depth > 1 / self.max_distance
-        road = pixels[is_road]
+        rows, columns = np.nonzero(is_road)
+        road = np.stack([u[columns], v[rows]], axis=1)
         # Every pixel of a coarser grid
         stride = max(1, int(np.ceil(np.sqrt(len(road) / self.max_samples))))
         return road[(road % stride == 0).all(axis=1)].astype(np.float64)
@@ -240,7 +242,8 @@ def level_plane(pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
 
     A positive roll turns the camera clockwise.
     """
-    return planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3]
+    across = np.cos(pitch_rad)
+    return np.array([across * np.sin(roll_rad), across * np.cos(roll_rad), -np.sin(pitch_rad)])
 
 
 def sample(
