@@ -42,7 +42,9 @@ class PlanarForecast:
         log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
         log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
-        return logsumexp(log_densities, axis=0, b=self.weights[:, None, None])
+        # A mode may have become so unlikely that its weight is 0
+        log_weights = np.log(np.maximum(self.weights, np.finfo(float).tiny))
+        return logsumexp(log_densities + log_weights[:, None, None], axis=0)
 
     def sample(
         self,

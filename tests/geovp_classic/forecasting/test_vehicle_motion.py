@@ -150,6 +150,15 @@ def test_the_log_density_of_a_gaussian_with_wrapped_yaw() -> None:
     )
 
 
+def test_a_mode_without_weight_adds_nothing_to_the_density() -> None:
+    at_mean = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
+    states = np.array([[[0.0, 10, 0]]])
+    for weight in (0.0, 1e-320):  # the second one is denormal
+        forecast = mixture([weight, 1.0], [[0, 10, 0], [2, 10, 0]])  # one deviation apart
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            np.testing.assert_allclose(forecast.log_density(states), at_mean - 0.5)
+
+
 def test_samples_come_from_both_modes_by_weight() -> None:
     states = mixture([0.25, 0.75], [[-50, 0, 0], [50, 0, 0]]).sample(4000, seed=1)
     assert (states[:, 0, 0] > 0).mean() == pytest.approx(0.75, abs=0.03)
