@@ -93,6 +93,7 @@ class Doctor:
         """
         first = next(iter(scans.values()))
         is_readable = not findings
+        # images and calibration of each camera
         frames = [f"{camera}: {len(scan.images)}" for camera, scan in scans.items()]
         sizes_px: set[Size] = set()
         focals = set()
@@ -100,6 +101,7 @@ class Doctor:
             camera_sizes_px = _image_sizes(scan, findings, deep)
             sizes_px |= camera_sizes_px
             focals.add(self._examine_cameras(folder, scan, camera_sizes_px, findings))
+        # a longer step between images than usual means that some were dropped
         times_s = first.times_s[np.isfinite(first.times_s)]
         usual_s = np.nan
         if len(times_s) > 1:
@@ -158,6 +160,7 @@ class Doctor:
         """
         numbers = scan.posed
         count = len(scan.images)
+        # poses of all images, of some or of none
         if scan.world_from_cam is None and count and is_readable:
             findings.add(
                 folder,
@@ -186,6 +189,7 @@ class Doctor:
             )
         if scan.world_from_cam is None or len(numbers) < 2:
             return "-"
+        # rotation between poses, and speed where the unit is known
         images = [scan.images[number] for number in numbers]
         poses = scan.world_from_cam[numbers]
         turns_deg = np.degrees(se3.rotation_angle_rad(se3.steps(poses)))

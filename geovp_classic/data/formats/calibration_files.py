@@ -158,44 +158,40 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     `size_px` is the size of the images if the table lacks it, as ORB-SLAM's may. ValueError,
     KeyError or TypeError for unknown camera models and missing numbers.
     """
+    # ORB-SLAM has a prefix for each camera, of which the first is used, and VINS has two tables
+    values = {name.rpartition(".")[2]: value for name, value in table.items() if "2." not in name}
+    values |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
 
     def first(*keys: str) -> Any:
-        return next((table[key] for key in keys if key in table), None)
+        return next((values[key] for key in keys if key in values), None)
 
-    if table.get("camera_model", "pinhole") != "pinhole":
-        raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
-    model = table.get("distortion_model") or "none"
+    if values.get("camera_model", "pinhole") != "pinhole":
+        raise ValueError(f"camera_model is {values['camera_model']!r}, expected pinhole")
+    model = first("distortion_model") or "none"
     distortion = matrix_data(first("distortion_coeffs", "distortion_coefficients", "D", "d"))
-    stated_px = (
-        first("image_width", "width", "Camera.width"),
-        first("image_height", "height", "Camera.height"),
-    )
-    slam_model = first("model_type", "Camera.type") or ("Camera.fx" in table and "PinHole")
-    if slam_model:
-        # VINS has two tables, and ORB-SLAM one prefix for each camera, of which the first is used
-        values = {
-            name.rpartition(".")[2]: value for name, value in table.items() if "2." not in name
-        }
-        values |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
+    stated_px = first("image_width", "width"), first("image_height", "height")
+    slam_model = first("model_type", "type") or ("fx" in values and "PinHole")
+    if "intrinsics" in values:
+        numbers = values["intrinsics"]
+        stated_px = values["resolution"]
+    elif slam_model:
         if slam_model not in SLAM_MODELS:
             raise ValueError(f"it has the model {slam_model!r}, expected {', '.join(SLAM_MODELS)}")
         model, names, coefficients = SLAM_MODELS[slam_model]
         numbers = [values[name] for name in names.split()]
         distortion = [values.get(name, 0.0) for name in coefficients.split()]
-    elif "intrinsics" in table:
-        numbers = table["intrinsics"]
-        stated_px = table["resolution"]
     else:
         matrix = matrix_data(first("camera_matrix", "K", "k"))
         if len(matrix) != 9:
             raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
         numbers = [matrix[at] for at in (0, 4, 2, 5)]
-        if float(table.get("fisheye_model", 0)):  # of OpenCV's calibration program
+        if float(values.get("fisheye_model", 0)):  # of OpenCV's calibration program
             model = "fisheye"
     if None in stated_px and size_px is not None:
         stated_px = size_px
     fx, fy, cx, cy = map(float, numbers)
-    view = Intrinsics(fx, fy, cx, cy, *(round(float(side_px)) for side_px in stated_px))
+    width_px, height_px = (round(float(side_px)) for side_px in stated_px)
+    view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
     return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
 
 

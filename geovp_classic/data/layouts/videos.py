@@ -30,7 +30,7 @@ from geovp_classic.data.recordings import windows
 from geovp_classic.data.recordings.sequences import Scan, SequenceDataset
 from geovp_classic.data.recordings.windows import Fit, Rate, Recording, frames_at_rate
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Intrinsics
+from geovp_classic.types import Intrinsics
 
 TABLES = (".toml", ".json")
 
@@ -110,10 +110,8 @@ class Videos(SequenceDataset):
         scan = Scan((), np.empty(0))
         with findings.catch(folder):
             frames = VideoFrames(folder)
-            scan = scan_of_video(frames)
-            recording = self._recording(folder.stem, frames)
-            camera = DistortedCamera(recording.intrinsics)
-            scan = replace(scan, cameras=(camera,) * len(frames))
+            camera = DistortedCamera(self._recording(folder.stem, frames).intrinsics)
+            scan = replace(scan_of_video(frames), cameras=(camera,) * len(frames))
         return {"": scan}
 
     def _read(self, name: str, folder: Path) -> Recording:
@@ -122,37 +120,31 @@ class Videos(SequenceDataset):
     def _recording(self, name: str, frames: VideoFrames) -> Recording:
         """Return a video with its camera; BadData names what the file of cameras lacks."""
         facts = self.facts[name]
-        names = {"fps", "fov_deg", "intrinsics", "camera_height_m"}
+        width_px, height_px = frames.size_px
         expected = "expected numbers as fps, fov_deg, camera_height_m, and intrinsics of four"
         with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
-            given = {key: facts[key] for key in names if facts.get(key) is not None}
-            numbers = {key: np.array(value, np.float64) for key, value in given.items()}
-            if not all(((value > 0) & (value < 1e6)).all() for value in numbers.values()):
+            # the camera, as four numbers or as the field of view of a pinhole in the middle
+            if (intrinsics := facts.get("intrinsics")) is None:
+                focal_px = width_px / 2 / np.tan(np.radians(facts["fov_deg"]) / 2)
+                intrinsics = focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2
+            fx, fy, cx, cy = map(float, intrinsics)
+            names = [key for key in ("fps", "camera_height_m") if facts.get(key) is not None]
+            scalars = {key: float(facts[key]) for key in names}
+            if not all(1e-6 < value < 1e6 for value in (fx, fy, cx, cy, *scalars.values())):
                 raise ValueError("not a positive number")
-            scalars = {key: float(value) for key, value in numbers.items() if key != "intrinsics"}
-            width_px, height_px = frames.size_px
-            if "intrinsics" in numbers:
-                fx, fy, cx, cy = numbers["intrinsics"].tolist()
-            elif 0 < scalars["fov_deg"] < 180:
-                fx = fy = width_px / 2 / float(np.tan(np.radians(scalars["fov_deg"]) / 2))
-                cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
-            else:
-                raise ValueError("fov_deg is not below 180")
-            view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
-        height_m = self.camera_height_m or scalars.get("camera_height_m")
+        view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
         times_s = frames.times_at(scalars.get("fps"))
+        height_m = self.camera_height_m or scalars.get("camera_height_m")
         return Recording(name, frames, times_s, view, camera_height_m=height_m)
 
     @cached_property
-    def _windows(self) -> dict[str, Recording]:
-        """Return the frames of each clip, by its name: its sequence and its first stored frame.
-
-        Each is a recording of that name.
-        """
+    def _windows(self) -> dict[tuple[str, int], Recording]:
+        """Return the frames of each clip by its sequence and its first stored frame."""
         clips = {}
         for name, recording in self.native_recordings.items():
+            # the last window ends at the last frame
             times_s = recording.times_s
-            last_frame = len(times_s) - 1  # the last window ends there
+            last_frame = len(times_s) - 1
             from_end = frames_at_rate(times_s, self.rate_hz, self.frame_step, anchor=last_frame)
             if len(from_end) < self.num_frames:
                 raise BadData(
@@ -160,31 +152,22 @@ class Videos(SequenceDataset):
                     f"needs {self.num_frames}: name other sequences, or give a larger rate_hz"
                 )
             last = from_end[-self.num_frames]
+            # the others begin evenly spaced between the first frame and that window's
             for start in np.unique(np.linspace(0, last, int(self.num_windows)).round().astype(int)):
                 following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
                 window = recording.selected(start + following[: self.num_frames])
-                clip_name = windows.clip_name(name, int(start))
                 if not self._paused(window).breaks:
-                    clips[clip_name] = replace(window, name=clip_name)
+                    clip_name = windows.clip_name(name, int(start))
+                    clips[name, int(start)] = replace(window, name=clip_name)
         if not clips:
             raise BadData(f"{self.root}: each clip holds a pause of more than {self.max_step_s} s")
         return clips
 
-    @property
-    def clip_names(self) -> tuple[str, ...]:
-        """Return the clips' names in order, without reading the clips."""
-        if self.num_windows == "all":
-            return super().clip_names
-        return tuple(self._windows)
-
-    def __len__(self) -> int:
-        return len(self.clip_names)
-
-    def __getitem__(self, index: int) -> Clip:
-        """Return one clip; BadData names the video that is wrong."""
-        return replace(super().__getitem__(index), name=self.clip_names[index])
+    @cached_property
+    def _starts(self) -> list[tuple[str, int]]:
+        return super()._starts if self.num_windows == "all" else list(self._windows)
 
     def _place(self, index: int) -> tuple[Recording, int]:
         if self.num_windows == "all":
             return super()._place(index)
-        return self._windows[self.clip_names[index]], 0
+        return self._windows[self._starts[index]], 0

@@ -295,15 +295,10 @@ class SequenceDataset(ABC):
 
     def __getitem__(self, index: int) -> Clip:
         """Return one clip; BadData names the image that is wrong."""
-        recording, first = self._place(index)
-        return windows.cut(
-            recording,
-            first,
-            self.num_frames,
-            self.size_px,
-            with_full=self.with_full,
-            fit=self.fit,
-        )
+        place = self._place(index)
+        size_px = self.size_px
+        clip = windows.cut(*place, self.num_frames, size_px, with_full=self.with_full, fit=self.fit)
+        return replace(clip, name=self.clip_names[index])
 
     def clip_digest(self, index: int) -> str:
         """Return a hash of the content of a clip, which does not depend on paths.
@@ -311,17 +306,14 @@ class SequenceDataset(ABC):
         Of image files, the size and a sample of bytes are read.
         """
         recording, first = self._place(index)
-        digests = self._frame_digests
+        readers = list(filter(None, (recording.frames, recording.depths)))
+        digests = [repr((self.size_px, self.fit, self.image_bits)).encode()]
         for step in range(first, first + self.num_frames):
-            if (recording.name, step) not in digests:
-                readers = (recording.frames, recording.depths)
-                digests[recording.name, step] = b"".join(
-                    reader.digest(step) for reader in readers if reader is not None
-                )
-        span = slice(first, first + self.num_frames)
-        frame_digests = [digests[recording.name, step] for step in range(span.start, span.stop)]
-        shape = repr((self.size_px, self.fit, self.image_bits)).encode()
-        return windows.digest(recording, span, [shape, *frame_digests])
+            key = recording.name, step
+            if key not in self._frame_digests:
+                self._frame_digests[key] = b"".join(reader.digest(step) for reader in readers)
+            digests.append(self._frame_digests[key])
+        return windows.digest(recording, slice(first, first + self.num_frames), digests)
 
     def _place(self, index: int) -> tuple[Recording, int]:
         """Return the recording that a clip is cut from, and its first frame there."""
@@ -404,6 +396,7 @@ class PosedSequences(SequenceDataset):
         def posed(values: Sequence[Any]) -> tuple[Any, ...]:
             return tuple(values[number] for number in numbers)
 
+        # all images are shown as one pinhole camera sees them
         times_s = scan.times_s[numbers]
         cameras = posed(scan.cameras)
         sizes_px = tuple(camera.size_px for camera in cameras)
