@@ -7,12 +7,13 @@ from pathlib import Path
 def choose_folder(package: Path = Path(__file__).parent) -> None:
     """Set NUMBA_CACHE_DIR to a temporary folder unless numba finds a folder by itself.
 
-    It tries the package, then the user's cache, and raises RuntimeError if it can write to neither.
+    It tries a given folder, the package, then the user's cache, and raises RuntimeError if it can
+    write to none of them.
     """
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
+    given = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    if any(map(is_writable, (package / "__pycache__", Path(caches, "numba")))):
+    folders = [package / "__pycache__", Path(caches, "numba"), *([Path(given)] if given else [])]
+    if any(map(is_writable, folders)):
         return
     import tempfile
 

@@ -14,6 +14,7 @@ import numpy as np
 from geovp.prediction.camera import find_camera
 from geovp.prediction.prediction import read_recording
 from geovp.prediction.request import PredictionRequest, output_size
+from geovp.progress import logger
 from geovp_classic import registry
 from geovp_classic.data.formats import bags
 from geovp_classic.data.frames.image_frames import FrameFiles
@@ -57,7 +58,9 @@ class Source:
             first = replace(request, first=0)  # all frames are replayed, from the first on
             recording = recording.selected(first.frame_numbers(recording.times_s))
             numbers = range(len(recording.frames))[stretch.first : stretch.last]
-            _, recording = find_camera(recording, lens, len(numbers), request)
+            camera, recording = find_camera(recording, lens, len(numbers), request)
+            for warning in camera.warnings():
+                logger.warning(warning)
         else:
             recording, numbers = _sequence(request, sequence)
         # About 6 pushed frames per second on two cores.

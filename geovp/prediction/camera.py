@@ -35,6 +35,22 @@ class Camera:
         ratio = self.intrinsics.width_px / self.intrinsics.fx_px
         return float(np.degrees(2 * np.arctan(ratio / 2)))
 
+    def warnings(
+        self,
+        max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
+    ) -> Iterator[str]:
+        """Yield a sentence for each sign that the camera is not this one."""
+        if self.source == "assumed":
+            yield (
+                f"the motion does not tell the focal length: {self.fov_deg:.0f} degrees are "
+                "assumed; give --fov, --calibration or --intrinsics"
+            )
+        if self.source == "field of view" and self.fov_deg > max_pinhole_fov_deg:
+            yield (
+                f"a pinhole camera of {self.fov_deg:.0f} degrees is assumed, but such "
+                "lenses are mostly fisheyes: give --calibration with a fisheye model"
+            )
+
 
 def find_camera(
     recording: Recording,

@@ -75,23 +75,13 @@ class Predicted:
         self,
         min_tracked_fraction: float = 0.7,
         max_off_axis_deg: float = 6.0,
-        max_pinhole_fov_deg: float = 110.0,  # rectilinear lenses above that are rare
         max_mask_fraction: float = 0.1,
         min_turn_deg: float = 0.1,
         max_pause_s: float = 1.0,  # as no clip of a data set has
     ) -> Iterator[str]:
         """Yield a sentence for each sign that the prediction is wrong."""
         # The camera.
-        if self.camera.source == "assumed":
-            yield (
-                f"the motion does not tell the focal length: {self.camera.fov_deg:.0f} degrees are "
-                "assumed; give --fov, --calibration or --intrinsics"
-            )
-        if self.camera.source == "field of view" and self.camera.fov_deg > max_pinhole_fov_deg:
-            yield (
-                f"a pinhole camera of {self.camera.fov_deg:.0f} degrees is assumed, but such "
-                "lenses are mostly fisheyes: give --calibration with a fisheye model"
-            )
+        yield from self.camera.warnings()
         steps_s = np.diff(self.context.times_s[: self.context.num_past])
         pause_s = float(steps_s.max(initial=0))
         if pause_s > max(max_pause_s, 2 * float(np.median(steps_s))):

@@ -144,3 +144,26 @@ def test_a_relative_root_is_that_of_the_matrix_file(
         (tmp_path / "file" / "m.toml").write_text(text)
         _, content = files.read(tmp_path / "file" / "m.toml")
         assert content["protocol"]["dataset"]["root"] == str(expected)
+
+
+def test_other_relative_paths_of_a_data_set_are_those_of_the_matrix_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once: an absolute path stays, and a link in it is not followed."""
+    (tmp_path / "file" / "videos").mkdir(parents=True)
+    (tmp_path / "here").mkdir()
+    (tmp_path / "file" / "link").symlink_to("videos")
+    (tmp_path / "file" / "lenses.toml").write_text("")
+    monkeypatch.chdir(tmp_path / "here")
+    text = (
+        '[protocol]\ndataset = { name = "videos", root = "../file/link", cameras = "lenses.toml", '
+        f'times = "{tmp_path}/file/lenses.toml", trajectory = "poses.txt" }}\n'
+    )
+    (tmp_path / "file" / "m.toml").write_text(text)
+    dataset = files.read(Path("../file/m.toml"))[1]["protocol"]["dataset"]
+    assert Path(dataset["root"]).samefile(tmp_path / "file" / "videos")
+    assert dataset["root"].endswith("link")
+    assert Path(dataset["root"]).is_absolute()
+    assert Path(dataset["cameras"]).samefile(tmp_path / "file" / "lenses.toml")
+    assert dataset["times"] == str(tmp_path / "file" / "lenses.toml")
+    assert dataset["trajectory"] == "poses.txt"  # of each sequence, or missing

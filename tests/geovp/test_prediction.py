@@ -4,6 +4,7 @@ nothing behind.
 
 import json
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -14,8 +15,10 @@ import pytest
 import street
 from PIL import Image
 
+from geovp.display.source import Source
 from geovp.drawing import video
 from geovp.prediction import exports, prediction
+from geovp.prediction.camera import find_camera
 from geovp.prediction.request import PredictionRequest, output_size
 from geovp.provenance import code_hash
 from geovp_benchmarks import cli
@@ -198,6 +201,33 @@ def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images
     assert predicted.camera.source == "assumed"
     assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
     assert any("70 degrees are assumed" in line for line in predicted.warnings())
+
+
+@pytest.mark.parametrize(
+    ("camera", "is_warned"),
+    [
+        ({"fov_deg": 130.0}, True),
+        ({"fov_deg": 100.0}, False),
+        ({"intrinsics": (20.0, 20.0, 63.5, 63.5)}, False),  # 145 degrees, but given
+        ({"calibration": "fisheye.yaml"}, False),
+    ],
+)
+def test_a_wide_field_of_view_is_warned_of(
+    camera: dict[str, Any], is_warned: bool, images: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A pinhole camera is assumed beyond 110 degrees, unless a file or numbers say so."""
+    (images.parent / "fisheye.yaml").write_text(
+        "cam0:\n  intrinsics: [60, 60, 63.5, 63.5]\n  resolution: [128, 128]\n"
+        "  distortion_model: equidistant\n  distortion_coeffs: [0, 0, 0, 0]\n"
+    )
+    if "calibration" in camera:
+        camera = {"calibration": images.parent / camera["calibration"]}
+    request = PredictionRequest(images, frame_rate_hz=10.0, size_px=(64, 64), **camera)
+    recording, lens = prediction.read_recording(request)
+    warnings = list(find_camera(recording, lens, 4, request)[0].warnings())
+    assert any("give --calibration with a fisheye model" in text for text in warnings) == is_warned
+    Source.open(request)
+    assert ("a pinhole camera of 130 degrees is assumed" in caplog.text) == is_warned
 
 
 def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None:

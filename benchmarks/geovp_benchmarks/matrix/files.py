@@ -42,12 +42,14 @@ def read(given: Path, settings: Iterable[str] = ()) -> tuple[str, dict[str, Any]
 
 
 def _resolve_paths(protocol: Any, folder: Path) -> None:
-    """Make the data set's relative root absolute, so that stored results find it from anywhere.
+    """Make the data set's relative paths absolute, so that stored results find it from anywhere.
 
-    It is relative to the matrix file, or, where nothing lies there, to the working directory.
+    They are relative to the matrix file, or, where nothing lies there, to the working directory.
+    Names of splits are not paths.
     """
     dataset = protocol.get("dataset") if isinstance(protocol, dict) else None
-    for table, name in ((protocol, "root"), (dataset, "root"), (dataset, "path")):
+    names = ("root", "path", "cameras", "times", "trajectory")
+    for table, name in ((protocol, "root"), *((dataset, name) for name in names)):
         text = table.get(name) if isinstance(table, dict) else None
         if isinstance(text, str) and text and "$" not in text and text[0] != "~":
             for place in (folder / text, Path(text)):

@@ -19,6 +19,7 @@ from geovp_classic.data.layouts.tum import Tum
 from geovp_classic.data.recordings import sequences
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
+from geovp_classic.odometry.recorded_odometry import RecordedOdometry
 from geovp_classic.types import Clip, Intrinsics
 
 Write = Callable[..., Path]
@@ -103,6 +104,21 @@ def test_euroc_poses_are_those_of_the_camera(
     assert data[0].times_s[0] == pytest.approx(1403636579.763555584, abs=1e-6)
     some = Euroc(tmp_path / "MH_01", sequences=("MH_01[2:8)",), **CUT)
     assert some.clip_names == ("MH_01/000002",)
+
+
+@pytest.mark.parametrize("times_per_s", [1, 1e9])
+def test_trajectories_of_slam_systems_fit_clips_of_euroc(
+    tmp_path: Path, write_euroc: Write, street: Clip, times_per_s: float
+) -> None:
+    """ORB-SLAM3 writes stamps in seconds or in nanoseconds, "%.6f", and lacks lost frames."""
+    write_euroc(tmp_path, "MH_01", street)
+    clip = Euroc(tmp_path, **CUT)[0]
+    stamps_s = 1403636579.763555584 + street.times_s
+    lines = [f"{s * times_per_s:.6f} {10 * s % 1} 0 0 0 0 0 1" for s in stamps_s[[0, 2, 3]]]
+    (tmp_path / "slam.txt").write_text("\n".join(lines))
+    odometry = RecordedOdometry(tmp_path / "slam.txt")
+    _, tracked = odometry.track(clip.split(3, odometry.needs)[0])
+    assert tracked.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize(

@@ -222,6 +222,25 @@ def test_images_with_one_stamp_have_the_times_of_recording(tmp_path: Path) -> No
     np.testing.assert_array_equal(clip.frames, SHORT.frames[:4])
 
 
+def test_clips_end_at_a_gap_and_equal_stamps_count_once(tmp_path: Path) -> None:
+    """Twelve images at 10 Hz, the third sent twice; 4 s are lost after the sixth."""
+    clip = street.clip(12)
+    made = Messages(is_ros1=True)
+    messages = []
+    for topic, recorded_ns, message in bag_files.messages_of(made, clip, without("/odometry")):
+        step = round((recorded_ns - 3_000_000 - START_NS) / 1e8)
+        time_ns = recorded_ns - 3_000_000 + 4 * 10**9 * (step >= 6)
+        if topic == "/cam/image_raw":
+            image = made.image(time_ns, clip.frames[step])
+            messages += [(topic, time_ns + k, image) for k in range(1 + (step == 2))]
+        elif topic == "/cam/camera_info":
+            messages.append((topic, time_ns, message))
+    data = RosBag(bag_files.write_messages(tmp_path / "run.bag", made, messages), **CUT)
+    assert data.clip_names == ("run.bag/000000", "run.bag/000006")
+    np.testing.assert_array_equal(data[0].frames, clip.frames[:4])
+    assert data[1].times_s[0] == pytest.approx(START_NS / 1e9 + 4.6, abs=1e-6)
+
+
 def test_depth_topics_are_no_candidates(tmp_path: Path) -> None:
     made = Messages(is_ros1=False)
     depth = np.full((128, 128), 1500, np.uint16)
