@@ -107,12 +107,12 @@ def measure(method: Any, count: int) -> Step:
     rng = np.random.default_rng(0)
     batch = default_collate([method.example(examples[0], rng) for _ in range(count)])
     weights = {parameter.data_ptr() for parameter in networks.parameters()}
-    kept: dict[int, int] = {}
+    storages: dict[int, int] = {}
 
     def note(tensor: torch.Tensor) -> torch.Tensor:
         storage = tensor.untyped_storage()
         if storage.data_ptr() not in weights:
-            kept[storage.data_ptr()] = storage.nbytes()
+            storages[storage.data_ptr()] = storage.nbytes()
         return tensor
 
     def step() -> None:
@@ -129,7 +129,7 @@ def measure(method: Any, count: int) -> Step:
     step()
     seconds = time.process_time() - start_s
     parameters = sum(parameter.numel() for parameter in networks.parameters())
-    return Step(parameters, counter.get_total_flops(), sum(kept.values()), seconds)
+    return Step(parameters, counter.get_total_flops(), sum(storages.values()), seconds)
 
 
 def random_clip(method: Any) -> Clip:
