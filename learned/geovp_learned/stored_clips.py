@@ -90,5 +90,5 @@ def camera_array(camera: Intrinsics) -> FloatArray:
 
 def camera_of(array: FloatArray) -> Intrinsics:
     """Return the camera of an array [6]."""
-    *numbers, width_px, height_px = array.tolist()
-    return Intrinsics(*numbers, int(width_px), int(height_px))
+    fx_px, fy_px, cx_px, cy_px, *size_px = array.tolist()
+    return Intrinsics(fx_px, fy_px, cx_px, cy_px, *map(int, size_px))
