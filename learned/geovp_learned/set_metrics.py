@@ -65,7 +65,7 @@ class FeatureDistance:
         return (
             f"Frechet distance between {self.compared}; features by {self.file.name} "
             f"{self.fingerprint}; mean over the first {self.max_samples} samples, or all if fewer; "
-            "it falls with the number of clips"
+            "interval by block bootstrap of the clips' influence; falls with the number of clips"
         )
 
     def _features(self, images: ByteArray) -> FloatArray:
