@@ -44,6 +44,8 @@ def projected(drawn: Batch, number: int, point: torch.Tensor) -> torch.Tensor:
 
 
 def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(clip: Clip) -> None:
+    """The principal point is two pixels beside the middle of the image."""
+    clip = replace(clip, intrinsics=replace(clip.intrinsics, cx_px=17.5))
     plain, mirrored = scene(clip), scene(clip, mirrored=True)
     point = torch.tensor([1.2, -0.4, 9.0])
     for number in range(2):
