@@ -27,8 +27,8 @@ class GroundFit:
     # A point below the plane takes away as much as this many points on it
     below_penalty: float = 2.0
     min_points: int = 200
-    max_points: int = 1500  # random ones; more cost time
-    num_trials: int = 300
+    max_points: int = 1000  # random ones; more cost time
+    num_trials: int = 200
     # Of the points below the horizon of the plane
     min_inlier_fraction: float = 0.35
     max_below_fraction: float = 0.2

@@ -171,7 +171,7 @@ class MovingRegions:
             num_seen += is_seen
             static += self._differences(last, earlier, projected) * is_seen
             moved_difference += self._differences(last, earlier, moved) * is_seen
-            distance_px = np.linalg.norm(projected - moved, axis=-1) * is_seen
+            distance_px = cv2.magnitude(*cv2.split(projected - moved)) * is_seen
             parallax_px = np.maximum(parallax_px, distance_px)
         count = np.maximum(num_seen, 1)
         is_seen = num_seen > len(strides) / 2
