@@ -7,14 +7,31 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from geovp_classic.streaming import LiveView
-from geovp_classic.types import ByteArray, FloatArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 
-def draw_view(view: LiveView, is_dimming: bool) -> ByteArray:
-    """Return the frame of a view [H, W, 3] with its path, and darker inpainted pixels if asked."""
+def draw_view(view: LiveView, is_dimming: bool, is_marking: bool = False) -> ByteArray:
+    """Return the frame of a view [H, W, 3] with its path.
+
+    On request, inpainted pixels are darker, and what moves on its own has an outline.
+    """
     brightness = np.where(view.covered, 1.0, 0.4)[..., None] if is_dimming else 1.0
     frame = (view.frame * brightness).astype(np.uint8)
-    return draw_path(frame, view.path_px, view.path_sides_px)
+    frame = draw_path(frame, view.path_px, view.path_sides_px)
+    if is_marking and view.moving is not None:
+        frame = draw_outlines(frame, view.moving)
+    return frame
+
+
+def draw_outlines(
+    frame: ByteArray,  # [H, W, 3]
+    mask: BoolArray,  # [H, W]
+    rgb: tuple[int, int, int] = (255, 64, 200),
+) -> ByteArray:
+    """Return the frame with outlines of the regions of a mask."""
+    regions = mask.astype(np.uint8)
+    outlines, _ = cv2.findContours(regions, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return cv2.drawContours(frame.copy(), outlines, -1, rgb, 2, cv2.LINE_AA)
 
 
 def draw_path(

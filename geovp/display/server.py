@@ -29,6 +29,7 @@ class FromPage(pydantic.BaseModel, extra="forbid", strict=True, allow_inf_nan=Fa
     """A message of the page."""
 
     is_dimming: bool | None = None
+    is_marking: bool | None = None
     speed_m_s: float | None = pydantic.Field(None, ge=-20, le=60)
     yaw_rate_rad_s: float = pydantic.Field(0.0, ge=-2, le=2)
 
@@ -186,6 +187,8 @@ class Server:
         session = self.session
         if message.is_dimming is not None:
             session.is_dimming = message.is_dimming
+        if message.is_marking is not None:
+            session.is_marking = message.is_marking
         if message.speed_m_s is not None and session.driver is not None:
             session.driver.steer(message.speed_m_s, message.yaw_rate_rad_s)
         return await self._send(request, "text/plain", b"")

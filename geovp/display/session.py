@@ -35,6 +35,7 @@ class Shown:
     age_s: float | None  # of the late image
     confidence: float  # in [0, 1]
     is_dimming: bool = False  # of inpainted pixels
+    is_marking: bool = False  # of what moves on its own
 
 
 class Session:
@@ -53,6 +54,7 @@ class Session:
         self.planned = planned
         self.driver = driver
         self.is_dimming = False  # of inpainted pixels
+        self.is_marking = False  # of what moves on its own
         height_m = source.recording.camera_height_m
         if height_m is None and (planned or driver is not None):
             raise Incompatible(
@@ -111,7 +113,7 @@ class Session:
                 confidence, caution = view.confidence, view.caution
                 if caution is None and self._is_overrun:
                     caution = "images arrive faster than they are processed"
-                predicted = drawing.draw_view(view, self.is_dimming)
+                predicted = drawing.draw_view(view, self.is_dimming, self.is_marking)
                 if caution is not None:
                     predicted = drawing.draw_border(predicted)
                 panels["predicted present"] = predicted
@@ -119,7 +121,7 @@ class Session:
             (frame,) = panels.values()
             panels["late image, not predicted"] = drawing.draw_warning(frame, warning)
         panels["true present"] = true
-        return Shown(panels, warning, caution, age_s, confidence, self.is_dimming)
+        return Shown(panels, warning, caution, age_s, confidence, self.is_dimming, self.is_marking)
 
     def _restart(self) -> None:
         """Forget all images."""

@@ -161,7 +161,8 @@ class ShownScene:
         if not copied.any():
             return views
         frames = np.where(copied[..., None], last, views.frames)
-        return Views(frames, views.covered & ~copied, views.depths)
+        moving = None if views.moving is None else views.moving & ~copied
+        return Views(frames, views.covered & ~copied, views.depths, moving)
 
     def copied(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> BoolArray:
         """Return which pixels [F, H, W] of the views are those of the last frame.

@@ -28,6 +28,7 @@ class LayeredScene:
         """Return the views from the poses [F, 4, 4] at the times [F]."""
         views = self.static.view(world_from_cam, times_s, intrinsics)
         frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
+        moving = np.zeros_like(covered)
         for step, (pose, time_s) in enumerate(zip(world_from_cam, times_s, strict=True)):
             for patch in self.patches:
                 moved = self._moved(patch, pose, float(time_s), intrinsics)
@@ -39,8 +40,9 @@ class LayeredScene:
                 frames[step] = np.clip(np.rint(blended), 0, 255)
                 is_shown = weight[..., 0] > 0.5
                 covered[step] |= is_shown
+                moving[step] |= is_shown
                 depths[step][is_shown] = depth
-        return type(views)(frames, covered, depths)
+        return Views(frames, covered, depths, moving)
 
     def _moved(
         self, patch: MovingPatch, world_from_cam: FloatArray, time_s: float, camera: Intrinsics

@@ -54,6 +54,7 @@ class LiveView:
     path_px: FloatArray  # [M, 2], NaN behind the camera
     path_sides_px: FloatArray  # [2, M, 2], the left and right edge of its uncertainty
     caution: str | None = None  # why the shown prediction may be wrong
+    moving: BoolArray | None = None  # [H, W]; True: shown as moving on its own
 
     @property
     def is_predicted(self) -> bool:
@@ -278,6 +279,7 @@ class LivePredictor:
             caution=self._caution(state, late.age_s, confidence),
             path_px=path_px,
             path_sides_px=sides_px,
+            moving=None if views.moving is None else views.moving[0],
         )
 
     def _path(

@@ -25,12 +25,15 @@ class Views(ShortRepr):
     frames: ByteArray  # [F, H, W, 3]
     covered: BoolArray  # [F, H, W]; False for inpainted pixels
     depths: FloatArray  # [F, H, W] float32; 0 = unknown, inf = infinitely far
+    # [F, H, W]; True where a patch that moves on its own is shown
+    moving: BoolArray | None = None
 
     def __post_init__(self) -> None:
         shape = self.covered.shape
         store_checked(self, "frames", np.uint8, (*shape, 3))
         store_checked(self, "covered", bool, shape)
         store_checked(self, "depths", np.float32, shape)
+        store_checked(self, "moving", bool, shape)
 
 
 @dataclass(frozen=True, repr=False)

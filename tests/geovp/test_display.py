@@ -20,11 +20,13 @@ from geovp.display.session import Session, Shown
 from geovp.display.source import Source
 from geovp.prediction.prediction import read_recording
 from geovp.prediction.request import PredictionRequest
+from geovp_classic.data.recordings.windows import Recording
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.streaming import Command, LiveView
 from geovp_classic.types import ByteArray, FloatArray
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import street_source, write_images
+from tests.benchmarks.made import Frames, street_source, write_images
 
 CLIP = street.clip(num_frames=24)
 FRAME = np.full((60, 80, 3), 100, np.uint8)
@@ -134,6 +136,20 @@ class TestDrawing:
         assert (dimmed[10:] == 100).all()
         assert (drawing.draw_view(view, is_dimming=False) == 100).all()
 
+    def test_moving_regions_have_an_outline_on_request(self) -> None:
+        moving = np.zeros(FRAME.shape[:2], bool)
+        moving[20:40, 30:60] = True
+        empty = np.zeros((0, 2)), np.zeros((2, 0, 2))
+        covered = np.ones(FRAME.shape[:2], bool)
+        view = LiveView(FRAME, covered, 1.0, None, 0.0, *empty, moving=moving)
+        marked = drawing.draw_view(view, is_dimming=False, is_marking=True)
+        is_marked = (marked != 100).any(axis=-1)
+        assert is_marked[20, 30:60].all()
+        assert is_marked[20:40, 59].all()
+        assert not is_marked[24:36, 34:56].any()
+        assert not is_marked[:17].any()
+        assert (drawing.draw_view(view, is_dimming=False) == 100).all()
+
 
 class TestSession:
     def test_the_present_is_predicted_better_than_the_late_image(self) -> None:
@@ -149,6 +165,28 @@ class TestSession:
         )
         late, predicted = errors.mean(axis=0)
         assert predicted < 0.8 * late
+
+    def test_a_car_ahead_is_marked_on_request(self) -> None:
+        clip = Synthetic(num_clips=14, num_frames=13, size_px=(192, 192))[13]
+        assert clip.moving is not None
+        recording = Recording(
+            clip.name,
+            Frames(clip.frames),
+            clip.times_s,
+            clip.intrinsics,
+            camera_height_m=clip.camera_height_m,
+        )
+        session = Session(Source(recording, range(len(clip)), (192, 192)), Channel(0.2))
+        *_, shown = session.render()
+        assert shown.warning is None
+        plain = shown.panels["predicted present"]
+        session.is_marking = True
+        marked = session.draw_present(float(clip.times_s[-1]), clip.frames[-1]).panels
+        is_marked = (marked["predicted present"] != plain).any(axis=-1)
+        # Regions are exact within half of a window of 7 px, and the line has 3 px.
+        near_car = cv2.dilate(clip.moving[-1].astype(np.uint8), np.ones((15, 15))) > 0
+        assert is_marked.sum() > 100  # the outline of a car of about 40 px
+        assert (is_marked & near_car).sum() > 0.8 * is_marked.sum()
 
     def test_without_an_image_there_is_a_warning(self) -> None:
         shown = views(CLIP.frames[:6], Channel(1.0))

@@ -42,6 +42,7 @@ class FakeSession:
     def __init__(self) -> None:
         self.driver = Driver()
         self.is_dimming = False
+        self.is_marking = False
 
     def shown(self, grey: int, size_px: int = 16) -> Shown:
         panel = np.full((size_px, size_px, 3), grey, np.uint8)
@@ -177,11 +178,12 @@ def test_malformed_messages_are_refused(pages: server.Server) -> None:
         assert Client(pages).ask(f"/{TOKEN}/", text.encode())[0] == 400
     assert not session.driver.at(0.0)
     assert not session.is_dimming
-    good = b'{"speed_m_s": 8.0, "yaw_rate_rad_s": 0.25, "is_dimming": true}'
+    good = b'{"speed_m_s": 8.0, "yaw_rate_rad_s": 0.25, "is_dimming": true, "is_marking": true}'
     assert Client(pages).ask(f"/{TOKEN}/", good)[0] == 200
     [command] = session.driver.at(0.0)
     assert (command.speed_m_s, command.yaw_rate_rad_s) == (8.0, 0.25)
     assert session.is_dimming
+    assert session.is_marking
 
 
 def test_a_port_in_use_gets_one_sentence(tmp_path: Path, refused: Says) -> None:
@@ -314,9 +316,11 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
                 assert pages.session.driver is not None
                 while not pages.session.driver.at(0.0):
                     await asyncio.sleep(0.01)
-                await browser.value("hold('ArrowUp', false); element('dim').click()")
+                await browser.value(
+                    "hold('ArrowUp', false); element('dim').click(); element('mark').click()"
+                )
                 await browser.wait("element('dim').checked && !isSending")
-                while not pages.session.is_dimming:
+                while not (pages.session.is_dimming and pages.session.is_marking):
                     await asyncio.sleep(0.01)
                 assert await browser.value(f"{warning}.className") == "is-on"
                 assert await browser.value(

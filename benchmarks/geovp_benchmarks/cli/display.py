@@ -53,6 +53,7 @@ ARGUMENTS = {
     },
     "output": {
         "--dim": "Dim inpainted pixels; the page can change it.",
+        "--mark-moving": "Outline what is shown as moving on its own; the page can change it.",
         "--out FILE": "Write an mp4 file, and serve no page.",
     },
 }
@@ -77,6 +78,7 @@ def run(args: argparse.Namespace) -> Lines:
     planned = [] if args.commands is None else read_commands(args.commands)
     session = Session(source, channel, planned, Driver() if args.drive else None)
     session.is_dimming = args.dim
+    session.is_marking = args.mark_moving
     if args.out is not None:
         write_video(session, args.out)
         yield str(args.out)

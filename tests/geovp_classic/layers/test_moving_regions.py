@@ -107,6 +107,9 @@ def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
     assert views.covered[0][middle].all()
     np.testing.assert_allclose(views.depths[0][middle], 5, rtol=0.05)
     assert (views.frames[0][:30] == 77).all()
+    assert views.moving is not None
+    assert views.moving[0][middle].all()
+    assert not views.moving[0][:30].any()
 
 
 def test_a_car_ahead_without_parallax_moves_although_the_camera_shakes() -> None:
