@@ -112,6 +112,21 @@ def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
     assert not views.moving[0][:30].any()
 
 
+def test_a_car_ahead_shifts_in_the_image_when_the_camera_pitches() -> None:
+    """It moves with the camera, but does not turn with it."""
+    past, images = drive(), frames(0)
+    patches = MovingRegions().detect(images, past, CAMERA, WALL)
+    assert [patch.stays for patch in patches] == [True]
+    last = Source(np.repeat(images[-1][..., None], 3, axis=-1), CAMERA, past.world_from_cam[-1])
+    scene = LayeredScene(Grey(), last, float(past.times_s[-1]), patches)
+    future = drive(20)[14:15].world_from_cam.copy()
+    future[0, :3, :3], _ = cv2.Rodrigues(np.array([0.05, 0, 0]))  # up: 100 px * .05 = 5 px
+    views = scene.view(future, drive(20).times_s[14:15], CAMERA)
+    shown, expected = views.frames[0][55:75, 60:80, 0], images[-1][50:70, 60:80]
+    error_px, _ = cv2.phaseCorrelate(np.float32(expected), np.float32(shown))
+    assert np.hypot(*error_px) < 0.5
+
+
 def test_a_car_ahead_without_parallax_moves_although_the_camera_shakes() -> None:
     """The static scene would explain it by infinite depth, which lies below the ground."""
     world_from_cam, times_s = drive().world_from_cam.copy(), drive().times_s
