@@ -44,8 +44,6 @@ class MovingRegions:
     # Standard deviation of a textured window, and the part of it that the own motion may leave.
     min_contrast: float = 5.0
     max_own_ratio: float = 0.55
-    # Motion of a region that stays in place, over the distance between both explanations
-    max_stay_ratio: float = 0.25
     # Of the image. Found regions below it, in 178 clips of the videos and of KITTI, were no vehicles
     min_area_fraction: float = 0.003
     # Inverse depth over that of the ground: less lies below it, beyond the error of both
@@ -111,11 +109,8 @@ class MovingRegions:
                 continue
             if self._isotropy(gradients, mask) < self.min_isotropy:
                 continue
-            parallax_px = float(np.median(explained.parallax_px[mask]))
             shown_depth = max(float(np.median(inverse_depth[mask])), nearest)
-            patch = self._patch(
-                mask, explained.motion_px_s, parallax_px, shown_depth, past, camera, max_s
-            )
+            patch = self._patch(mask, explained.motion_px_s, shown_depth, past, camera, max_s)
             if patch is not None:
                 patches.append(patch)
         return patches
@@ -202,7 +197,6 @@ class MovingRegions:
         self,
         mask: BoolArray,
         motion_px_s: FloatArray,  # [H, W, 2], into the past
-        parallax_px: float,
         inverse_depth: float,
         past: Trajectory,
         camera: Intrinsics,
@@ -231,9 +225,7 @@ class MovingRegions:
         rotation = past.world_from_cam[-1, :3, :3]
         now = past.world_from_cam[-1, :3, 3] + rotation @ (depth * ray)
         before = past.world_from_cam[earliest, :3, 3] + rotation @ (depth / size * earlier_ray)
-        shift_px = max_s * np.linalg.norm(shift_px_s)
-        stays = bool(shift_px < self.max_stay_ratio * parallax_px)
-        return MovingPatch(mask, inverse_depth, (now - before) / max_s, stays)
+        return MovingPatch(mask, inverse_depth, (now - before) / max_s)
 
 
 def _is_inside(pixels: FloatArray, shape: tuple[int, ...]) -> BoolArray:

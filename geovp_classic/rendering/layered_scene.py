@@ -52,10 +52,7 @@ class LayeredScene:
         The moving patch is a static one, seen from a camera that is displaced the other way.
         """
         displaced = world_from_cam.copy()
-        if patch.stays:  # a car ahead moves with the camera, but does not turn with it
-            displaced[:3, 3] = self.last.world_from_source[:3, 3]
-        else:
-            displaced[:3, 3] -= patch.velocity_per_s * (time_s - self.last_s)
+        displaced[:3, 3] -= patch.velocity_per_s * (time_s - self.last_s)
         cam_from_last = se3.inverse(displaced) @ self.last.world_from_source
         # The plane at this depth of the last camera (Hartley & Zisserman 2004, eq. 13.2).
         plane = cam_from_last[:3, :3].copy()

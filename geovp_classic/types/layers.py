@@ -11,4 +11,3 @@ class MovingPatch(NamedTuple):
     mask: BoolArray  # [H, W], in the last frame
     inverse_depth: float
     velocity_per_s: FloatArray  # [3], in the world frame and unit of the trajectory
-    stays: bool  # in the same direction from the camera, like a car ahead
