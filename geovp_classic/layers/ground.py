@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class GroundFit:
         ground = plane[0] * column + plane[1] * row + plane[2] / height
         return np.maximum(ground, 0).astype(np.float32)
 
-    def _compare(self, expected: FloatArray, observed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _compare(self, expected: FloatArray, observed: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return which observed inverse depths lie on the expected ones, and which below them."""
         is_ground = expected > 0
         is_on = is_ground & (np.abs(observed - expected) < self.tolerance * expected)

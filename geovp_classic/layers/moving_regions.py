@@ -44,7 +44,7 @@ class MovingRegions:
     # Standard deviation of a textured window, and the part of it that the own motion may leave.
     min_contrast: float = 5.0
     max_own_ratio: float = 0.55
-    # Of the image. Found regions below it, in 178 clips of the videos and of KITTI, were no vehicles
+    # Of the image. In 178 clips of the videos and of KITTI, smaller regions were no vehicles
     min_area_fraction: float = 0.003
     # Inverse depth over that of the ground: less lies below it, beyond the error of both
     max_below_ratio: float = 0.7
