@@ -42,7 +42,7 @@ def main() -> None:
         }
         images.append(np.concatenate([_panel(*panel) for panel in panels.items()], axis=1))
     first, *others = [Image.fromarray(image) for image in images]
-    first.save(FILM, save_all=True, append_images=others, duration=100, loop=0, quality=45)
+    first.save(FILM, save_all=True, append_images=others, duration=100, loop=0, quality=60)
 
 
 def _panel(name: str, frame: ByteArray) -> ByteArray:
