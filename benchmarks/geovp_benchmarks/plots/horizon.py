@@ -148,6 +148,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method.label == against or num_steps < min(2, samples.shape[2]):
             continue
+        if is_of_poses and not against and not np.nan_to_num(samples).any():
+            continue  # true poses, whose errors are 0
         for suffix, reduce in reductions(method.num_samples).items():
             if reduce is best_of_samples and higher is None:
                 continue

@@ -40,8 +40,11 @@ class Material:
     def shown(self) -> list[Method]:
         """Return the methods of a figure: copy-last, the best without ground truth, best others.
 
-        They are ranked by the first metric of frames with a direction.
+        They are ranked by the first metric of frames with a direction. Selected methods are all
+        shown.
         """
+        if self.results.selected:
+            return self.methods
         metric, facts = next(iter(self.frame_metrics.items()), ("", {}))
         sign = -1 if facts.get("higher_is_better") else 1
 

@@ -14,7 +14,7 @@ class Options:
     against: str | None = None  # method that the others are compared with
     format: str | None = None  # None: the formats of each figure
     width_in: float | None = None  # in a paper, without titles; None: as each kind of figure has it
-    max_methods: int = 12  # more cannot be told apart
+    max_methods: int = 6  # unless methods are selected
     max_intervals: int = 6  # with more lines, no intervals are drawn: they would cover the lines
 
 

@@ -9,14 +9,12 @@ import jinja2
 
 from geovp_benchmarks import plots
 from geovp_benchmarks.plots.material import Material
-from geovp_benchmarks.report import films, findings
+from geovp_benchmarks.report import browser, findings
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics import strata
-from geovp_benchmarks.tables import clips, tables
+from geovp_benchmarks.tables import tables
 from geovp_classic.atomic import write_bytes
-
-MAX_CLIPS = 500  # in the table of clips
 
 
 def write(results: Results, options: plots.Options) -> None:
@@ -64,8 +62,9 @@ def write(results: Results, options: plots.Options) -> None:
         against=differences,
         strata=[tables.build(group, metrics=metrics)[0] for group in groups],
         figures=figures,
-        clips=films.shown_clips(material, headline),
-        clip_table=clips.per_clip(results, metrics)[:MAX_CLIPS],
+        browser=browser.build(material, headline),
+        shown={method.label for method in material.shown},
         step_s=material.step_s,
+        zip=zip,
     )
     write_bytes(results.report, html.encode())

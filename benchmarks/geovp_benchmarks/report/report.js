@@ -4,9 +4,19 @@ const byId = (id) => document.getElementById(id);
 document.body.classList.add("scripted");
 
 // Hide methods whose name does not contain the typed word; the ground truth stays.
-byId("filter").addEventListener("input", (event) => {
-  const word = event.target.value.trim().toLowerCase();
+// Few methods are shown until the switch is set or a word is typed.
+const filter = byId("filter"), everything = byId("all");
+const select = () => {
+  const word = filter.value.trim().toLowerCase();
+  document.body.classList.toggle("all", everything.checked || word !== "");
   all("[data-method]").forEach((item) => { item.hidden = !item.dataset.method.toLowerCase().includes(word); });
+};
+filter.addEventListener("input", select);
+everything.addEventListener("change", select);
+const keys = { m: () => everything.click() };
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input:not([type=checkbox]), select, button, summary, th")) return;
+  if (keys[event.key]) { event.preventDefault(); keys[event.key](); }
 });
 
 // Sort a table by a column: best first, a second click reverses; texts that are not numbers stay last.
@@ -48,43 +58,68 @@ const unfold = () => {
 addEventListener("hashchange", unfold);
 unfold();
 
-// Films: an image holds all frames side by side; the variable --step selects one of them.
-const clips = all(".clip");
+// The browser of clips: one is shown at a time.
+const clips = all(".clip"), choice = byId("clip");
+const films = () => all(".film", clips[choice.selectedIndex]);
+let showFilms = () => {};
+const choose = (i) => {
+  choice.selectedIndex = Math.max(0, Math.min(clips.length - 1, i));
+  clips.forEach((clip, number) => { clip.hidden = number !== choice.selectedIndex; });
+  showFilms();
+};
 if (clips.length) {
-  const [choice, step, play, when, left, right] = ["clip", "step", "play", "when", "left", "right"].map(byId);
-  const films = () => all(".film", clips[choice.selectedIndex]);
+  const move = (steps) => choose(choice.selectedIndex + steps);
+  const moves = { worst: () => choose(0), previous: () => move(-1), next: () => move(1), best: () => choose(clips.length - 1) };
+  for (const [name, action] of Object.entries(moves)) {
+    byId(name).addEventListener("click", action);
+    keys[name[0]] = action;
+  }
+  choice.addEventListener("input", () => choose(choice.selectedIndex));
+}
+
+// Films: an image holds all frames side by side; the variable --step selects one of them.
+if (byId("step")) {
+  const [step, play, when, left, right, inpainted] = ["step", "play", "when", "left", "right", "inpainted"].map(byId);
   const showStep = () => {
     const k = Number(step.value), seconds = when.dataset.stepS;
     document.body.style.setProperty("--step", k);
     when.textContent = k ? `+${k}` + (seconds ? ` (${(k * seconds).toFixed(1)} s)` : "") : "last observed";
   };
   const showPair = () => {
-    const pair = [left, right].map((select) => films()[select.selectedIndex].cloneNode(true));
+    const pair = [left, right].map((choice) => films()[choice.selectedIndex].cloneNode(true));
+    pair.forEach((film) => delete film.dataset.more);
     byId("compared").replaceChildren(...pair);
   };
-  const showClip = () => {
-    clips.forEach((clip, i) => { clip.hidden = i !== choice.selectedIndex; });
-    [left, right].forEach((select, i) => {
-      const name = select.value || select.dataset.first;
-      select.replaceChildren(...films().map((film) => new Option(film.dataset.name)));
+  showFilms = () => {
+    all(".film-bar").forEach((bar) => { bar.hidden = !films().length; });
+    if (!films().length) return;
+    [left, right].forEach((choice, i) => {
+      const name = choice.value || choice.dataset.first;
+      choice.replaceChildren(...films().map((film) => new Option(film.dataset.name)));
       const before = films().findIndex((film) => film.dataset.name === name);
-      select.selectedIndex = before < 0 ? Math.min(i, films().length - 1) : before;
+      choice.selectedIndex = before < 0 ? Math.min(i, films().length - 1) : before;
     });
     showPair();
   };
-  const choose = (i) => { choice.selectedIndex = i; showClip(); };
-  byId("worst").addEventListener("click", () => choose(0));
-  byId("best").addEventListener("click", () => choose(clips.length - 1));
-  choice.addEventListener("input", showClip);
   step.addEventListener("input", showStep);
-  [left, right].forEach((select) => select.addEventListener("input", showPair));
-  byId("inpainted").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
+  [left, right].forEach((choice) => choice.addEventListener("input", showPair));
+  inpainted.addEventListener("change", () => document.body.classList.toggle("marked", inpainted.checked));
   let timer = 0;
-  const advance = () => { step.value = (Number(step.value) + 1) % (Number(step.max) + 1); showStep(); };
+  const advance = () => {
+    if (Number(step.value) + Number(step.step) > Number(step.max)) step.value = 0;
+    else step.stepUp();
+    showStep();
+  };
   play.addEventListener("click", () => {
-    timer = timer ? clearInterval(timer) || 0 : setInterval(advance, 1000 * Math.max(0.05, when.dataset.stepS || 0.1));
+    const pause_ms = 1000 * Number(step.step) * Math.max(0.05, when.dataset.stepS || 0.1);
+    timer = timer ? clearInterval(timer) || 0 : setInterval(advance, pause_ms);
     play.textContent = timer ? "pause" : "play";
   });
+  keys.ArrowRight = () => { step.stepUp(); showStep(); };
+  keys.ArrowLeft = () => { step.stepDown(); showStep(); };
+  keys[" "] = () => play.click();
+  keys.i = () => inpainted.click();
   showStep();
-  choose(Math.floor(clips.length / 2));
 }
+// The first clip that is shown is the worst with films.
+if (clips.length) choose(Math.max(0, clips.findIndex((clip) => clip.querySelector(".film"))));

@@ -8,6 +8,7 @@ from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import COVERAGE
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics import strata
+from geovp_benchmarks.tables import causes
 from geovp_benchmarks.tables.tables import method_scores
 
 
@@ -15,7 +16,8 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
     """Return the cells of a table with a row per clip, those with the worst score first.
 
     It shows what is known of the clips, the scores of the methods, and what they show a clip by
-    where that varies; it is empty without scores. Metrics are by default the first of frames and
+    where that varies; it is empty without scores. The first method with scores orders the clips,
+    and labels say what sets them apart. Metrics are by default the first of frames and
     of poses, and the coverage.
     """
     protocol, facts = results.protocol(), results.clip_facts()
@@ -50,6 +52,8 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
             ]
             if order is None:
                 order = np.argsort(of_method if about.get("higher_is_better") else -of_method)
+                labels = causes.of_clips(results, method)
+                columns["labels"] = [", ".join(labels[clip]) or "-" for clip in clips]
         if set(shown_by.values()) - {"geometry"}:
             columns[f"{method.label}: shown by"] = [
                 stored_facts.FALLBACKS.get(shown_by.get(clip, ""), "geometry") for clip in clips

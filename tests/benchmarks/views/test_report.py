@@ -16,9 +16,12 @@ from PIL import Image
 
 from geovp_benchmarks import report
 from geovp_benchmarks.plots import Options
-from geovp_benchmarks.report import films, findings
+from geovp_benchmarks.plots.material import Material
+from geovp_benchmarks.report import browser, films, findings
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import tables
+from tests.benchmarks.made import write_protocol, write_row
+from tests.benchmarks.views.conftest import FACTS
 
 
 @pytest.fixture(scope="module")
@@ -146,10 +149,78 @@ class TestFilms:
     def test_inpainted_pixels_are_marked_and_others_let_through(self) -> None:
         covered = np.ones((2, 16, 16), bool)
         covered[1, :, :4] = False
-        film = films.Film("a", [], np.zeros((2, 16, 16, 3), np.uint8), covered)
+        frames = np.zeros((2, 16, 16, 3), np.uint8)
+        film = films.encode("a", [], frames, covered, films.Format(1, 16, 10**6))
         image = np.asarray(Image.open(io.BytesIO(film.mask)).convert("RGBA"))
         np.testing.assert_array_equal(image[..., 3] > 0, np.concatenate(~covered, axis=1))
         np.testing.assert_array_equal(image[0, 16], [214, 39, 160, 255])
+
+    def test_many_films_have_fewer_and_smaller_frames(self) -> None:
+        """36 clips of 7 methods and the truth are 288 films of 22,569 bytes; at 0.6 bits per pixel,
+        11 of 21 frames are 165 wide: 11 * 165 * 165 * 0.6 / 8 = 22,461. All 21 would be 119 wide.
+        """
+        assert films.Format.of(288, 21, 1.0) == films.Format(2, 165, 22_569)
+        assert films.Format.of(32, 21, 1.0) == films.Format(1, 208, 203_125)
+        assert films.Format.of(1, 201, 1.0).width_px * 201 <= 16383  # a WebP image is no wider
+        frames = np.arange(21, dtype=np.uint8)[:, None, None, None] * np.ones((16, 16, 3), np.uint8)
+        film = films.encode("a", [], frames * 10, None, films.Format(2, 8, 10**6))
+        image = np.asarray(Image.open(io.BytesIO(film.image)).convert("RGB"), int)
+        assert image.shape == (8, 11 * 8, 3)
+        np.testing.assert_allclose(image[4, 4::8, 0], 20 * np.arange(11), atol=3)
+
+    def test_films_of_many_details_have_less_quality(self) -> None:
+        """Blocks of noise have more bytes than a street."""
+        noise = np.random.default_rng(0).integers(0, 256, (21, 16, 16, 3), dtype=np.uint8)
+        frames = np.kron(noise, np.ones((1, 16, 16, 1), np.uint8))
+        sizes = [
+            len(films.encode("a", [], frames, None, films.Format(1, 128, max_bytes)).image)
+            for max_bytes in (10**6, 10**3)
+        ]
+        assert sizes[0] > 1.1 * sizes[1]
+
+
+class TestClips:
+    def test_all_are_listed_worst_first_and_kept_ones_have_films(self, folder: Path) -> None:
+        """PSNR rises from clip to clip; the first is kept."""
+        results = Results(folder)
+        material = Material(results, Options())
+        found = findings.find(tables.build(results)[0], None, results.protocol(), "copy-last")
+        shown = browser.build(material, found)
+        assert [(clip.name, clip.score) for clip in shown.clips] == [
+            ("a/b[0:9) <x> & $y", pytest.approx(17.5)),
+            ("b", pytest.approx(18.5)),
+            ("c", pytest.approx(19.5)),
+        ]
+        assert [len(clip.films) for clip in shown.clips] == [5, 0, 0]
+        assert [clip.name for clip in shown.worst] == ["a/b[0:9) <x> & $y"]
+        assert shown.orders == "kalman + far"
+        assert shown.table[0][0] == "clip"
+
+    def test_keys_and_methods_on_request(self, page: str) -> None:
+        reader = read(page)
+        identities = {attributes.get("id") for _, attributes in reader.elements}
+        assert {"all", "worst", "previous", "next", "best", "play"} <= identities
+        assert "data-more" not in page.partition("<body")[2].partition("<script")[0]  # 4 methods
+
+
+def test_methods_beyond_six_are_shown_on_request(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    names = [f"m{number}" for number in range(8)]
+    lines = {
+        name: [(clip, 0, 1, "psnr", 20.0 + number) for clip in "abc"]
+        for number, name in enumerate(names)
+    }
+    sizes = {"num_future": 1, "size_px": [16, 16]}
+    write_protocol(results, names, "abc", metrics={"psnr": FACTS["psnr"]}, **sizes)
+    for name in names:
+        write_row(results, name, lines[name])
+    report.write(Results(tmp_path), Options())
+    elements = read((tmp_path / "report.html").read_text(encoding="utf-8")).elements
+    rows = [
+        attributes for tag, attributes in elements if tag == "tr" and "data-method" in attributes
+    ]
+    more = {row["data-method"] for row in rows if "data-more" in row}
+    assert more == {"m0", "m1"}  # the worst two of eight
 
 
 def test_the_findings_are_the_numbers(page: str, folder: Path) -> None:
