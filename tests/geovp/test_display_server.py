@@ -301,6 +301,7 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         return server.Server(session, "127.0.0.1", port, TOKEN)
 
     pages = listening(0)
+    port = pages.address[1]  # the second server listens there, too
 
     async def check() -> None:
         async with browsing(pages.url, tmp_path) as browser:
@@ -336,6 +337,6 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
 
             await served(pages, watch)
             await browser.wait(f"{warning}.textContent.includes('connection is lost')")
-            await served(listening(pages.address[1]), watch_again)
+            await served(listening(port), watch_again)
 
     asyncio.run(check())
