@@ -137,6 +137,7 @@ def _synsin(file: Path) -> Converted:
     content = inert_pickle.load(file)
     if not isinstance(content, dict) or not {"state_dict", "opts"} <= set(content):
         raise BadData(f"{file} has no state_dict and opts: give a checkpoint of SynSin")
+    # The options must be those of the paper's model.
     options = inert_pickle.options(content["opts"])
     wanted = {
         "model_type": "zbuffer_pts",
@@ -154,9 +155,11 @@ def _synsin(file: Path) -> Converted:
             f"{file} has another {', '.join(differing)} than the paper's SynSin: give a file "
             "named synsin*.pth"
         )
+    # Unit, camera and range of depth belong to the data set and the options.
     unit_m, focal_px, units = SYNSIN_DATASETS[options["dataset"]]
     is_inverse = options.get("use_inverse_depth", False)
     depth_range = (0.0, 0.0) if is_inverse else (options["min_z"], options["max_z"])
+    # Only names of tensors differ.
     tensors = {}
     for key, value in inert_pickle.state_dict(content["state_dict"]).items():
         for pattern, replacement in SYNSIN_NAMES:

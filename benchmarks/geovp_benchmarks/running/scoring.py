@@ -58,6 +58,7 @@ class Metrics:
 
         A wrong name or setting is raised.
         """
+        # The asked metrics, each tried on a blank frame; why others cannot be computed is stored.
         blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
         metrics = cls({}, {})
         for role, specs in (("frame", frame), ("trajectory", trajectory), ("set", sets or {})):
@@ -70,6 +71,7 @@ class Metrics:
                 else:
                     getattr(metrics, role)[name] = metric
                     metrics.described[name] = registry.describe(metric)
+        # What each prediction is scored by, asked or not.
         for name, definition in (
             (COVERAGE, "fraction of pixels that were not inpainted"),
             (CONFIDENCE, "coverage times the fraction of tracked frames; no probability"),

@@ -229,12 +229,14 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
         for path in image_files(folder)
         if name_pattern is None or fnmatch.fnmatchcase(path.name, name_pattern)
     ]
+    # Names that differ by their numbers alone are a series.
     series: dict[str, list[Path]] = {}
     by_number: dict[tuple[int, ...], list[Path]] = {}
     for path in paths:
         series.setdefault(re.sub(r"\d+", "*", path.name), []).append(path)
         numbers = tuple(map(int, re.findall(r"\d+", path.stem)))
         by_number.setdefault(numbers or (-len(by_number),), []).append(path)
+    # Equal numbers: several series, or one image twice.
     equal = next((paths for paths in by_number.values() if len(paths) > 1), None)
     if equal is not None and len(series) > 1:
         names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
@@ -244,6 +246,7 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
         )
     if equal is not None:
         raise BadData(f"{equal[0]} and {equal[1].name} have the same number: remove one of them")
+    # "1.5" and "1.25" have another order as decimal numbers than by their parts.
     is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
         raise BadData(
