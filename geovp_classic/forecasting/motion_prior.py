@@ -57,10 +57,11 @@ class MotionPrior(PlanarForecaster):
         is_stationary = (past.world_from_cam == past.world_from_cam[-1]).all()
         if len(past) == 1 or (is_stationary and num_samples == 1):
             return np.zeros((num_samples, len(ahead_s), 3))
-        mixture = self._mixture(past, ahead_s)
+        fitted, twists = self._features(past)
         if num_samples == 1:
-            return mixture.centre[None]
-        return mixture.sample(num_samples, self.seed)
+            grid = fitted.central_paths(twists)
+            return _path_at(grid[0], ahead_s / fitted.step_s)[None]
+        return path_mixture(fitted, twists, ahead_s).sample(num_samples, self.seed)
 
     def modes(
         self,
@@ -71,27 +72,22 @@ class MotionPrior(PlanarForecaster):
         """Return the mixture; raise BadData for a single past pose."""
         if len(past) == 1:
             raise BadData("a single past pose has no predictive distribution: give at least two")
-        mixture = self._mixture(past, ahead_s)
+        mixture = path_mixture(*self._features(past), ahead_s)
         return mixture.weights, mixture.means, mixture.covariances
 
-    def _mixture(
-        self,
-        past: Trajectory,
-        ahead_s: FloatArray,  # [F]
-    ) -> "PathMixture":
-        # The features are twists on the grid of the fit, within the range of the fit.
+    def _features(self, past: Trajectory) -> tuple[PriorCoefficients, FloatArray]:
+        """Return what was fitted, and the twists [1, P, 6] on its grid, within its range."""
         fitted = load(self.coefficients)
         twists = past_motion.twists_per_s(past, fitted.step_s, self.num_past_steps)
         limit = self.max_turn_rad_s
         twists[:, 3:] = np.clip(twists[:, 3:], -limit, limit)
-        return path_mixture(fitted, twists[None], ahead_s)
+        return fitted, twists[None]
 
 
 @dataclass(frozen=True)
 class PathMixture:
-    """A central path in metres and K modes of smooth deviations from it, at T future times."""
+    """K modes of smooth paths (x, z, yaw) in metres, at T future times."""
 
-    centre: FloatArray  # [T, 3], as (x, z, yaw)
     weights: FloatArray  # [K]
     means: FloatArray  # [K, T, 3]
     roots: FloatArray  # [K, T, 3, D], effect of D independent unit Gaussians
@@ -147,7 +143,6 @@ def path_mixture(
 
     # 5. Mode k is centre + basis (mean_k + deviation_k * white noise) + residual.
     return PathMixture(
-        centre=centre,
         weights=weights,
         means=centre + np.einsum("ktid,kd->kti", bases, means),
         roots=bases * deviations[:, None, None],
