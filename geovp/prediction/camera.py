@@ -42,8 +42,8 @@ class Camera:
         """Yield a sentence for each sign that the camera is not this one."""
         if self.source == "assumed":
             yield (
-                f"the motion does not tell the focal length: {self.fov_deg:.0f} degrees are "
-                "assumed; give --fov, --calibration or --intrinsics"
+                "the motion does not determine the focal length: "
+                f"{self.fov_deg:.0f} degrees are assumed; give --fov, --calibration or --intrinsics"
             )
         if self.source == "field of view" and self.fov_deg > max_pinhole_fov_deg:
             yield (

@@ -17,11 +17,13 @@ ERROR = {"role": "trajectory", "unit": "m", "higher_is_better": False}
 def results(tmp_path: Path) -> Results:
     """Clip n turns by 10 n degrees at 5 m/s, has n dB and n - 3 m of error; the last is a copy."""
     results = Results(tmp_path)
-    write_protocol(results, ["m"], CLIPS, metrics={"psnr": PSNR, "final-displacement": ERROR})
+    metrics = {"psnr": PSNR, "final-displacement": ERROR, "average-displacement": ERROR}
+    write_protocol(results, ["m"], CLIPS, metrics=metrics)
     rows = []
     for number, clip in enumerate(CLIPS):
         rows.append((clip, 0, 20, "psnr", float(number)))
         rows.append((clip, 0, 20, "final-displacement", max(0.0, number - 3.0)))
+        rows.append((clip, 0, 20, "average-displacement", max(0.0, number - 4.0)))
     facts = {
         clip: {"yaw_deg": 10.0 * number, "speed_m_s": 5.0, "weather": "rain" if number else "sun"}
         for number, clip in enumerate(CLIPS)
@@ -31,7 +33,7 @@ def results(tmp_path: Path) -> Results:
 
 
 def test_labels_are_of_the_hardest_quarter_and_of_fallbacks(results: Results) -> None:
-    """Two of eight clips; the equal speeds set none apart."""
+    """Two of eight clips; the equal speeds set none apart. Of two errors in metres, one labels."""
     (method,) = results.methods()
     labels = causes.of_clips(results, method)
     assert labels["c0"] == ["weather: sun"]

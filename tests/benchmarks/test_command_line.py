@@ -96,6 +96,8 @@ class TestDryRun:
         text = printed(*run(tmp_path, "--dry-run"))
         assert re.search(r"^\| steady [+] slide \| +5 \| +0 \| +unknown", text, re.MULTILINE)
         assert "predictions: 10 to do, 0 stored" in text  # 5 clips, 2 methods
+        text = printed(*run(tmp_path, "--dry-run", "--shard", "2/2"))
+        assert "predictions: 6 to do, 0 stored" in text  # clips 3, 4 and 5
         assert not (tmp_path / "out").exists()
 
     def test_after_a_run_of_some_clips_its_times_are_used(

@@ -183,6 +183,13 @@ def test_steps_have_a_column_each(results: Results, tmp_path: Path, refused: Say
     ]  # y has 12 at step 1
     assert "give steps from 1 to 20" in refused("table", tmp_path, "--steps", "21")
 
+    # Differences of steps: 10 more than `still` at step 1, 30 more at step 3.
+    write_row(results, "apart", [(*line[:4], 2 * line[4]) for line in lines])
+    pair = results.select("apart", "still")
+    differences = tables.against(pair, "still", metrics=["psnr"], steps=[1, 3])
+    (method,) = differences.rows
+    assert [score.values[0] for score in method.scores.values()] == [10.0, 30.0]
+
 
 def test_a_clip_is_listed_with_what_explains_its_score(tmp_path: Path, printed: Says) -> None:
     """The words of a data set, the mask, and the fallback that shows the clip."""

@@ -6,6 +6,7 @@ Examples:
   geovp table results/demo
   geovp table results/demo --against copy-last
   geovp table results/demo --steps 1 5 10 20 --metrics psnr
+  geovp table results/demo --steps 1 5 10 20 --metrics psnr --against copy-last
   geovp table results/demo --per clip --methods copy-last
   geovp table results/demo --by turning --metrics psnr coverage --format tex
 """
@@ -50,7 +51,12 @@ def run(args: argparse.Namespace) -> Lines:
 
     results = Results(args.folder).select(*args.methods)
     groups = strata.divide(results, args.by) if args.by else [results]
-    options = {"strict": args.strict, "metrics": args.metrics, "has_seeds": args.seeds}
+    options = {
+        "strict": args.strict,
+        "metrics": args.metrics,
+        "steps": args.steps,
+        "has_seeds": args.seeds,
+    }
     if args.per:
         for group in groups:
             lines = clips.per_clip(group, args.metrics)
@@ -66,11 +72,9 @@ def run(args: argparse.Namespace) -> Lines:
     elif args.against:
         shown = [tables.against(group, args.against, **options) for group in groups]
     elif args.by:
-        shown = [
-            tables.build(group, args.spread, steps=args.steps, **options)[0] for group in groups
-        ]
+        shown = [tables.build(group, args.spread, **options)[0] for group in groups]
     else:
-        shown = tables.build(results, args.spread, steps=args.steps, **options)
+        shown = tables.build(results, args.spread, **options)
         if not (args.methods or args.metrics or args.strict or args.steps or args.seeds):
             formats.write_all(results, shown)
     match args.format:

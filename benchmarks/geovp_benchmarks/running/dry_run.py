@@ -5,14 +5,15 @@ from geovp_benchmarks.tables.formats import grid
 
 
 def dry_run(plan: Plan, workers: int) -> list[str]:
-    """Return lines that state what is to be computed; nothing is written.
+    """Return lines that state what is to be computed of the shard; nothing is written.
 
     Times are those of stored scores, and unknown for methods without any.
     """
     lines = [["method", "to do", "stored", "s per clip"]]
     num_missing, total_s, unknown = 0, 0.0, 0
+    of_shard = set(plan.own_clips)
     for method in plan.methods:
-        clips = plan.missing(method)
+        clips = plan.missing(method) & of_shard
         num_missing += len(clips)
         scored = plan.results.scored(method.name, method.fingerprint, plan.digests)
         note = method.reason or "unknown"
@@ -22,8 +23,8 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
             total_s += len(clips) * per_clip_s
         else:
             unknown += len(clips)
-        lines.append([method.label, str(len(clips)), str(len(plan.clips) - len(clips)), note])
-    num_stored = len(plan.methods) * len(plan.clips) - num_missing
+        lines.append([method.label, str(len(clips)), str(len(of_shard) - len(clips)), note])
+    num_stored = len(plan.methods) * len(of_shard) - num_missing
     time = "unknown" if num_missing else "none"
     if unknown < num_missing:
         time = f"about {total_s / workers / 60:.1f} min with {workers} process"

@@ -36,9 +36,13 @@ def of_clips(results: Results, method: Method) -> dict[str, list[str]]:
         hardness[label] = [number if is_high_hard else -number for number in numbers]
     if COVERAGE in means:
         hardness["low coverage"] = (-nanmean(means[COVERAGE], axis=1)).tolist()
+    # Of the pose errors, the first of each unit: those of one unit label the same clips.
+    pose_errors: dict[str, str] = {}
     for metric, about in protocol["metrics"].items():
-        is_error = about["role"] == "trajectory" and about.get("higher_is_better") is False
-        if is_error and metric in means:
+        if about["role"] == "trajectory" and about.get("higher_is_better") is False:
+            pose_errors.setdefault(about.get("unit", ""), metric)
+    for metric in pose_errors.values():
+        if metric in means:
             hardness[f"large {stored_facts.title(metric)}"] = nanmean(
                 means[metric], axis=1
             ).tolist()

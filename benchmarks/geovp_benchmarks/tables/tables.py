@@ -53,6 +53,7 @@ def against(
     *,
     strict: bool = False,
     metrics: Sequence[str] = (),
+    steps: Sequence[int] = (),
     has_seeds: bool = False,
 ) -> Table:
     """Return paired differences of the main table's methods from another, over common clips.
@@ -61,9 +62,9 @@ def against(
     """
     # The reference is a method, or the mean of its training seeds.
     protocol = results.protocol()
-    main = _main_table(results, metrics, strict, (), has_seeds)
+    main = _main_table(results, metrics, strict, steps, has_seeds)
     others = results.select() if has_seeds else results.select(name)
-    rows = _main_table(others, (), strict, (), has_seeds).rows
+    rows = _main_table(others, (), strict, steps, has_seeds).rows
     named = {row.label.partition(" (")[0]: row for row in rows} if has_seeds else {name: rows[0]}
     if name not in named:
         raise BadData(f"no method is called {name!r}{nearest(name, named)}")
