@@ -59,15 +59,18 @@ def test_telea_continues_a_gradient() -> None:
     assert np.abs(inpaint(Telea(), views)[..., 0] - gradient).max() < 30
 
 
-def test_colours_come_from_the_border_and_detail_from_the_last_frame() -> None:
-    # The view is dark and covered on the left only, the last observed frame is striped.
+@pytest.mark.parametrize(("difference", "part"), [(0, 1.0), (30, np.exp(-1)), (-90, np.exp(-9))])
+def test_colours_come_from_the_border_and_detail_from_a_similar_last_frame(
+    difference: int, part: float
+) -> None:
+    """The view is covered on the left only; the last frame is striped, with a mean of 120."""
     covered = np.ones((1, 64, 64))
     covered[0, :, 32:] = 0
     striped = np.tile((100 + 40 * (np.arange(64) % 2))[:, None], (64, 1, 3)).astype(np.uint8)
-    dark = views_of(covered, np.ones((1, 64, 64)), np.full((1, 64, 64), 50))
-    inpainted = DetailTransfer(strength=0.5).inpaint(dark, striped)[0, :, 34:, 0].astype(float)
-    assert inpainted.mean() == pytest.approx(50, abs=1)
-    assert np.abs(np.diff(inpainted, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
+    plain = views_of(covered, np.ones((1, 64, 64)), np.full((1, 64, 64), 120 + difference))
+    inpainted = DetailTransfer(strength=0.5).inpaint(plain, striped)[0, :, 34:, 0].astype(float)
+    assert inpainted.mean() == pytest.approx(120 + difference, abs=1)
+    assert np.abs(np.diff(inpainted, axis=1)).mean() == pytest.approx(part * 0.5 * 40, abs=1)
 
 
 def test_an_uncovered_view_is_the_last_frame_with_all_its_detail() -> None:
@@ -76,7 +79,9 @@ def test_an_uncovered_view_is_the_last_frame_with_all_its_detail() -> None:
         np.testing.assert_array_equal(inpainter.inpaint(random_views([0.0]), last)[0], last)
 
 
-@pytest.mark.parametrize("settings", [{"coarse_fraction": 1.0}, {"strength": -0.1}])
+@pytest.mark.parametrize(
+    "settings", [{"coarse_fraction": 1.0}, {"strength": -0.1}, {"colour_difference": 0}]
+)
 def test_bad_settings_are_refused(settings: dict[str, float]) -> None:
     with pytest.raises(BadData, match=next(iter(settings))):
         DetailTransfer(**settings)
