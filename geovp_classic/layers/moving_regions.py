@@ -50,7 +50,6 @@ class MovingRegions:
     # Inverse depth over that of the ground: less lies below it, beyond the error of both
     max_below_ratio: float = 0.7
     min_isotropy: float = 0.1  # of the gradients of a region: 1 for corners, 0 for parallel edges
-    min_seen_fraction: float = 0.5  # of a region, in most of the earlier frames
     # Median distance of the flow from a translation and a scale, at the farthest frame.
     max_misfit_px: float = 2.5
     min_inverse_depth: float = 0.002  # over the mean step of the camera; farther ones count as this
@@ -106,7 +105,7 @@ class MovingRegions:
             if statistics[region, cv2.CC_STAT_AREA] < min_area:
                 continue
             mask = regions == region
-            if not self._moves(mask, explained):
+            if not self._moves(mask, explained, min_area):
                 continue
             if self._isotropy(gradients, mask) < self.min_isotropy:
                 continue
@@ -122,10 +121,13 @@ class MovingRegions:
         smaller, larger = np.linalg.eigvalsh(gradients[mask].T @ gradients[mask])
         return float(smaller / max(larger, 1e-9))
 
-    def _moves(self, mask: BoolArray, explained: _Explanations) -> bool:
-        """Return whether the own motion of a region explains what the static scene does not."""
+    def _moves(self, mask: BoolArray, explained: _Explanations, min_area: float) -> bool:
+        """Return whether the own motion of a region explains what the static scene does not.
+
+        Only pixels that were seen, and that the two put at different places, tell them apart.
+        """
         is_used = mask & explained.is_seen & (explained.parallax_px > self.min_parallax_px)
-        if is_used.sum() < self.min_seen_fraction * mask.sum():
+        if is_used.sum() < min_area:
             return False
         static, moved = explained.static[is_used].mean(), explained.moved[is_used].mean()
         return bool(moved < self.max_difference_ratio * static and static - moved > self.min_gain)
