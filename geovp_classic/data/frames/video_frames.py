@@ -5,6 +5,7 @@ import functools
 import itertools
 import math
 import re
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
 CACHE_BYTES = 256 * files.MIB
+REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
 
 
 class VideoFrames:
@@ -31,7 +34,7 @@ class VideoFrames:
     Neither the frame count, the rate nor the duration of the container is used. The packets tell
     when each frame is presented. Frames do not count if an edit list hides them, or if they cannot
     be decoded because the file begins inside a group of pictures or ends inside a packet. A byte
-    that changed inside a packet is noticed only where the codec checks it; VP9 does not.
+    that changed inside a packet is noticed only where the codec allows it; VP8 does not.
     `times_s` [N] are seconds since the first frame, None for a raw stream.
     """
 
@@ -41,6 +44,7 @@ class VideoFrames:
             self.path = path
         what = f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels"
         with files.checked(what, "give a folder of images or another video file"):
+            self._damaged: set[int | None] = set()
             self._restart()
             self._list_frames()
             self._shown_from_stored = display_matrix(self._first).tolist()
@@ -70,10 +74,7 @@ class VideoFrames:
         """
         if self.times_s is None:
             if stated_hz is None:
-                raise BadData(
-                    f"{self.path} is a raw stream, which does not state its rate: give "
-                    "frame_rate_hz"
-                )
+                raise BadData(f"{self.path} does not state its rate: give frame_rate_hz")
             return np.arange(len(self)) / stated_hz
         usual_hz = self.rate_hz
         if stated_hz is not None and usual_hz is not None:
@@ -94,15 +95,19 @@ class VideoFrames:
             options={"protocol_whitelist": "file"},
             metadata_errors="ignore",
         )
-        streams = self._container.streams.video
-        videos = [each for each in streams if not each.disposition & Disposition.attached_pic]
-        if not videos:
+        # as players choose one of several: not a preview or the picture of a cover
+        stream: Any = self._container.streams.best("video")
+        if stream is None or stream.disposition & Disposition.attached_pic:
             raise ValueError("it has no video stream")
-        self._stream = videos[0]
+        self._stream = stream
         if not 0 < self._stream.width * self._stream.height <= MAX_PIXELS:
             raise ValueError(f"its frames have {self._stream.width}x{self._stream.height} pixels")
-        self._stream.thread_type = "AUTO"
-        self._stream.codec_context.options = {"err_detect": "explode"}
+        self._decoder = stream.codec_context
+        if self._decoder.name == "vp9":  # FFmpeg's own decoder does not notice damage
+            self._decoder = av.CodecContext.create("libvpx-vp9", "r")
+            self._decoder.extradata = stream.codec_context.extradata
+        self._decoder.thread_type = "AUTO"
+        self._decoder.options = {"err_detect": "crccheck+explode"}
         self._reformatter = VideoReformatter()
         self._continue()
 
@@ -127,42 +132,52 @@ class VideoFrames:
         for packet in self._packets():
             decoded = []
             try:
-                decoded = self._stream.decode(packet)
+                decoded = self._decoder.decode(packet if packet.size else None)
             except av.FFmpegError:
                 is_damaged = True
             for frame in decoded:
                 tick = next(number) if self._is_counted else frame.pts
-                is_damaged = frame.is_corrupt or (is_damaged and not frame.key_frame)
+                is_corrupt = frame.is_corrupt or frame.pts in self._damaged
+                is_damaged = is_corrupt or (is_damaged and not frame.key_frame)
                 if tick is not None and not is_damaged:
                     yield tick, frame
 
     def _list_frames(self) -> None:
         """List the ticks of frames [N] and of key frames, in units of the time base.
 
-        The first frame and the last group of pictures are decoded. A raw stream has no times, and
-        AVI files have those of decoding: there, all frames are decoded, and ticks are numbers.
+        The first frame and the last group of pictures are decoded. Ticks are numbers, and all
+        frames are decoded, in a raw stream, which has no times, in AVI files, which have those of
+        decoding, and where times begin again, because several recordings were put together.
         """
-        stream = self._stream
         whole: list[int] = []
         keys: list[int] = []
+        order: list[int] = []
         for packet in self._packets():
             if packet.is_keyframe and packet.pts is not None:
                 keys.append(packet.pts)
+            if packet.dts is not None:
+                order.append(packet.dts)
+            if self._decoder.name == "ffv1" and not are_slices_whole(bytes(packet)):
+                self._damaged.add(packet.pts)
             if packet.size and not (packet.is_discard or packet.is_corrupt):
                 whole.append(packet.pts)
+        if self._damaged.issuperset(whole):  # checksums are optional
+            self._damaged.clear()
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
-        has_times = None not in whole and len(set(whole)) == len(whole)
-        self._is_counted = is_raw or not has_times or self._container.format.name == "avi"
+        is_avi = self._container.format.name == "avi"
+        self._is_counted = is_raw or is_avi or None in whole or order != sorted(order)
         self._restart()
         start, first = next(self._decoded, (0, None))
         if first is None:
             raise ValueError("no frame can be decoded")
         self._first = first
-        unit_s = float(stream.time_base or 1)
+        stamps = [first.pts]
         if self._is_counted:
             keys = []
-            whole = [start, *(tick for tick, _ in self._decoded)]
-            unit_s = 1 / float(stream.average_rate or 1)
+            whole = [start]
+            for tick, frame in self._decoded:
+                whole.append(tick)
+                stamps.append(frame.pts)
         self._keys = sorted(keys)
         ticks = [tick for tick in whole if tick >= start]
         if self._keys:
@@ -175,8 +190,17 @@ class VideoFrames:
             ticks = [tick for tick in ticks if tick < last_key or tick in decoded]
         if not ticks:
             raise ValueError("no whole frame can be decoded")
-        self._ticks: IntArray = np.array(sorted(ticks))
-        times_s = (self._ticks - self._ticks[0]) * unit_s
+        self._ticks: IntArray = np.unique(ticks)  # of frames with one time, a player shows one
+        unit_s = float(self._stream.time_base or 1)
+        if is_avi:
+            unit_s = 1 / float(self._stream.average_rate or np.inf)
+        if is_avi or not self._is_counted:
+            stamps = self._ticks.tolist()
+        steps = np.diff(np.array(stamps, np.float64))
+        is_step = steps > 0  # not across two recordings, or without a time
+        usual = float(np.median(steps[is_step])) if is_step.any() else 1.0
+        is_raw |= usual * unit_s < MIN_STEP_S
+        times_s = np.cumsum([0.0, *np.where(is_step, steps, usual)]) * unit_s
         self.times_s: FloatArray | None = None if is_raw else times_s
 
     def _decode(self, index: int) -> ByteArray:
@@ -191,10 +215,10 @@ class VideoFrames:
             frame = self._advance(tick)
         image = None if frame is None else self._picture(frame)
         if image is None or image.shape[1::-1] != self.size_px:
-            time_s = math.nan if self.times_s is None else self.times_s[index]
+            time = "" if self.times_s is None else f" ({self.times_s[index]:.2f} s)"
             raise BadData(
-                f"{self.path}: frame {index} of {len(self)} ({time_s:.2f} s) is damaged or has "
-                "another size: choose frames before or after it, or repair the file"
+                f"{self.path}: frame {index} of {len(self)}{time} is damaged or has another size: "
+                "choose frames before or after it, or repair the file"
             )
         return image
 
@@ -203,6 +227,7 @@ class VideoFrames:
         with contextlib.suppress(av.FFmpegError):
             if self._keys:
                 self._container.seek(int(max(key, self._keys[0])), stream=self._stream)
+                self._decoder.flush_buffers()
                 self._continue()
                 return
         self._restart()
@@ -240,6 +265,21 @@ def is_video(path: Path) -> bool:
     """Return whether a file has the name of a visible video."""
     names = r"[^.].*\.(mp4|m4v|mov|mkv|webm|avi|m?ts|mpe?g|3gp|wmv|flv|h26[45]|mjpeg)"
     return bool(re.fullmatch(names, path.name, re.IGNORECASE)) and path.is_file()
+
+
+def are_slices_whole(content: bytes) -> bool:
+    """Return whether the slices of an FFV1 frame have the right checksums.
+
+    FFmpeg conceals slices that have wrong ones. A slice ends with its size without these 8 bytes,
+    a byte, and a CRC that makes that of the slice 0 (RFC 9043, section 4.9).
+    """
+    while content:
+        start = max(0, len(content) - 8 - int.from_bytes(content[-8:-5]))
+        # the polynomial of zlib with the other order of bits
+        if zlib.crc32(content[start:].translate(REVERSED_BITS), 2**32 - 1) != 2**32 - 1:
+            return False
+        content = content[:start]
+    return True
 
 
 def display_matrix(frame: Any) -> IntArray:

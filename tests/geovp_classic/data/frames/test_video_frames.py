@@ -1,12 +1,15 @@
 """Videos are read as players show them: the frames that exist, at their times, upright, in proportion."""
 
+import struct
 import wave
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from av.video.reformatter import ColorRange, Colorspace
 from video_files import grey_levels, write_video
 
 from geovp_classic.data.frames.video_frames import VideoFrames
@@ -38,6 +41,8 @@ def corners(image: np.ndarray) -> str:
         ("d.mkv", "ffv1", "yuv444p"),
         ("e.mov", "mjpeg", "yuvj420p"),
         ("f.avi", "mpeg4", "yuv420p"),
+        ("g.mp4", "libx265", "yuv420p10le"),
+        ("h.gif", "gif", "gray"),
     ],
 )
 def test_frames_come_by_number_in_any_order(
@@ -68,6 +73,57 @@ def test_a_raw_stream_has_no_times(tmp_path: Path) -> None:
     assert frames.times_s is None
     assert frames.rate_hz is None
     assert levels(frames) == list(range(8))
+
+
+def test_of_frames_with_one_time_the_first_is_shown(tmp_path: Path) -> None:
+    """The steps of 40 and 100 ms stay: they are not those of the mean rate."""
+    times_ms = [0, 40, 80, 120, 120, 160, 260, 360]
+    frames = VideoFrames(
+        write_video(tmp_path / "a.mkv", grey_levels(8), times_ms=times_ms, options={"bf": "0"})
+    )
+    np.testing.assert_allclose(frames.times_s, [0, 0.04, 0.08, 0.12, 0.16, 0.26, 0.36], atol=1e-3)
+    assert levels(frames) == [0, 1, 2, 3, 5, 6, 7]
+
+
+def test_recordings_that_were_put_together_follow_one_another(tmp_path: Path) -> None:
+    """Six frames at 10 Hz, then six at 10, 10, 25, 25 and 25 Hz, whose clock begins again."""
+    parts = (([0, 100, 200, 300, 400, 500], 0), ([50, 150, 250, 290, 330, 370], 6))
+    contents = []
+    for times_ms, first in parts:
+        levels_of_part = grey_levels(12)[first : first + 6]
+        path = write_video(
+            tmp_path / "part.ts", levels_of_part, times_ms=times_ms, options={"bf": "0"}
+        )
+        contents.append(path.read_bytes())
+    path.write_bytes(b"".join(contents))
+    frames = VideoFrames(path)
+    assert levels(frames) == list(range(12))
+    steps_s = [0.1] * 8 + [0.04] * 3  # the usual one between the recordings
+    np.testing.assert_allclose(np.diff(frames.times_s), steps_s, atol=1e-3)
+
+
+def test_a_rate_that_no_camera_has_is_no_rate(tmp_path: Path) -> None:
+    """The header of the stream states a million frames per second."""
+    path = write_video(tmp_path / "a.avi", grey_levels(4), codec="mpeg4")
+    content = bytearray(path.read_bytes())
+    scale_and_rate = content.find(b"strh") + 28
+    content[scale_and_rate : scale_and_rate + 8] = struct.pack("<II", 1, 10**6)
+    path.write_bytes(content)
+    with pytest.raises(BadData, match="does not state its rate: give frame_rate_hz"):
+        VideoFrames(path).times_at(None)
+
+
+def test_a_cover_picture_is_not_the_video(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as output:
+        cover, main = output.add_stream("mjpeg", rate=10), output.add_stream("libx264", rate=10)
+        cover.pix_fmt = "yuvj420p"
+        cover.height, cover.width = main.height, main.width = 48, 64
+        for stream, images in ((cover, grey_levels(1)), (main, grey_levels(9))):
+            for image in images:
+                output.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+            output.mux(stream.encode())
+    assert levels(VideoFrames(path)) == list(range(9))
 
 
 def test_a_stream_that_begins_inside_a_group_has_the_frames_from_its_first_key_frame_on(
@@ -150,6 +206,43 @@ def test_damaged_frames_are_refused_by_number_and_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("codec", "options"),
+    [
+        ("libvpx-vp9", {"crf": "20", "b": "0", "g": "8"}),
+        ("ffv1", {"level": "3", "slicecrc": "1", "g": "8"}),
+        ("libx265", {"crf": "20", "g": "8", "x265-params": "log-level=none:hash=1"}),
+    ],
+)
+def test_changed_bytes_are_noticed_where_the_codec_tells(
+    codec: str, options: dict[str, str], tmp_path: Path
+) -> None:
+    """Eight bytes of a packet are inverted: it and those that follow up to a key frame are refused."""
+    noise = np.random.default_rng(0).integers(0, 256, (24, 48, 64, 3), np.uint8)
+    images = [cv2.GaussianBlur(image, (0, 0), 1.2) for image in noise]
+    path = write_video(tmp_path / "a.mkv", images, codec=codec, rate=25, options=options)
+    whole = VideoFrames(path)
+    expected = [whole.read(index) for index in range(24)]
+    with av.open(str(path)) as container:
+        packet = bytes(list(container.demux(video=0))[10])
+    content = bytearray(path.read_bytes())
+    middle = content.find(packet[-40:])
+    for place in range(middle, middle + 8):
+        content[place] ^= 255
+    path.write_bytes(content)
+    frames = VideoFrames(path)
+    refused = []
+    for index in range(24):
+        try:
+            image = frames.read(index)
+        except BadData:
+            refused.append(index)
+        else:
+            assert np.abs(image.astype(int) - expected[index]).mean() < 0.01
+    assert refused
+    assert set(refused) <= set(range(8, 16))
+
+
+@pytest.mark.parametrize(
     ("turn_deg", "expected"),
     [(0, "RGBK"), (90, "GKRB"), (180, "KBGR"), (270, "BRKG")],
 )
@@ -176,6 +269,25 @@ def test_a_mirrored_video_is_shown_mirrored(
     assert corners(frames.read(0)) == expected
 
 
+def test_the_matrix_and_the_range_of_colours_are_those_that_the_video_states(
+    tmp_path: Path,
+) -> None:
+    """BT.709 with full range: Y = .2126 R + .7152 G + .0722 B, Cb = 128 + (B - Y) / 1.8556."""
+    red = [54, 99, 255]  # Y, Cb, Cr of (255, 0, 0); Cr = 128 + (R - Y) / 1.5748
+    with av.open(str(tmp_path / "a.mkv"), "w") as output:
+        stream = output.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv444p"
+        frame = av.VideoFrame(64, 48, "yuv444p")
+        for plane, value in zip(frame.planes, red, strict=True):
+            plane.update(bytes([value]) * plane.buffer_size)
+        stream.codec_context.colorspace = frame.colorspace = Colorspace.ITU709
+        stream.codec_context.color_range = frame.color_range = ColorRange.JPEG
+        output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    image = VideoFrames(tmp_path / "a.mkv").read(0).astype(int)
+    assert np.abs(image - [255, 0, 0]).max() <= 2
+
+
 @pytest.mark.parametrize(
     ("aspect", "size_px"), [(Fraction(4, 3), (85, 48)), (Fraction(1, 2), (64, 96))]
 )
@@ -184,6 +296,13 @@ def test_pixels_are_square(aspect: Fraction, size_px: tuple[int, int], tmp_path:
     frames = VideoFrames(write_video(tmp_path / "a.mp4", [CORNERS] * 3, aspect=aspect))
     assert frames.size_px == size_px
     assert corners(frames.read(0)) == "RGBK"
+
+
+def test_a_turned_video_is_widened_before_it_is_turned(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mp4", [CORNERS] * 3, aspect=Fraction(4, 3), turn_deg=90)
+    frames = VideoFrames(path)
+    assert frames.size_px == (48, 85)
+    assert corners(frames.read(0)) == "GKRB"
 
 
 def test_an_interlaced_video_shows_one_field(tmp_path: Path) -> None:
