@@ -8,12 +8,16 @@ TESTS ?=
 MODULE ?= geometry
 MUTANTS ?= 60
 SEED ?= 1
+KITTI ?=
+POSES ?=
+VIDEOS ?=
+PAGES ?=
 
 VERSIONS ?= oldest newest
 VERSION_TESTS ?= tests/geovp_classic/geometry tests/geovp_classic/odometry tests/geovp_classic/metrics tests/geovp_classic/rendering \
   tests/geovp/test_exports.py tests/benchmarks/test_run.py tests/benchmarks/test_tables.py
 
-.PHONY: demo test mutation lint docs wheel-test test-versions setup clean
+.PHONY: demo test mutation lint docs results wheel-test test-versions setup clean
 
 demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictures and report
 	$(BIN)/geovp run --fresh demo
@@ -44,6 +48,9 @@ lint: $(READY)  ## format, lint rules and types
 
 docs: $(READY)  ## the documentation as a site in site/; a broken link or reference is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+results: $(READY)  ## recompute the results pages; resumable. KITTI= POSES= VIDEOS=FOLDER PAGES="demo fusion"
+	@PATH="$$PWD/$(BIN):$$PATH" KITTI="$(KITTI)" POSES="$(POSES)" VIDEOS="$(VIDEOS)" $(BIN)/python docs/recompute.py $(PAGES)
 
 # The environment has the wheel, and the libraries of .venv beside it: nothing is downloaded.
 wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from another folder

@@ -309,7 +309,7 @@ def check_geovp(
     if is_predict:
         args = [*args, "--size", "96", "--out", str(folder / "predicted")]
     needs_results = args[0] in ("table", "report", "rescore") and "results/demo" in args
-    needs_results |= args[0] == "plot" and "--width" in args
+    needs_results |= args[:2] == ["plot", "results/demo"] and "--width" in args
     is_check = args[0] == "check" and args[2] == "depth-fusion"
     if args[0] == "list" or needs_results or is_check or is_predict:
         assert cli.main(args) == 0

@@ -108,3 +108,15 @@ def test_definitions_versions_weights_code_and_failures_are_told(
     assert any(
         line.startswith("code: ") and line.endswith(' in A, ["c0de"] in B.') for line in lines
     )
+
+
+def test_clips_of_one_folder_are_counted(tmp_path: Path, explained: Explained) -> None:
+    """Of five clips, two are in both: one line, and no interval of two clips."""
+    a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
+    shared = Results(a).protocol()
+    clips = shared["clips"][:2]
+    digests = {clip: shared["digests"][clip] for clip in clips}
+    edited(a / "protocol.json", clips=clips, digests=digests)
+    lines = explained(a, b)
+    assert "clips: 0 in A only, 3 in B only." in lines
+    assert not any("nan" in line or line.startswith("digests") for line in lines)

@@ -1,6 +1,7 @@
 """Why the numbers of two results folders, or of two methods, differ."""
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -23,7 +24,7 @@ def compare(a: Results, b: Results) -> Iterator[str]:
         pairs = [(method.label, method.label) for method in a.methods() if method.label in labels]
     if not pairs:
         raise BadData(f"{a.root} and {b.root} share no method: name them as DIR:METHOD")
-    shared = list(_differences(_protocol(a), _protocol(b)))
+    shared = [*_clips(a, b), *_differences(*_protocols(a, b))]
     yield from shared
     for name, other_name in pairs:
         side, other = a.select(name), b.select(other_name)
@@ -33,11 +34,24 @@ def compare(a: Results, b: Results) -> Iterator[str]:
         yield from _paired_differences(side, other)
 
 
-def _protocol(results: Results) -> dict[str, Any]:
-    """Return what a folder stores about all methods."""
-    skipped = ("name", "methods", "fingerprint")
-    protocol = {key: value for key, value in results.protocol().items() if key not in skipped}
-    return {**protocol, "clips": dict.fromkeys(protocol["clips"], "present")}
+def _clips(*sides: Results) -> Iterator[str]:
+    """Yield a line if the folders do not have the same clips."""
+    clips, clips_b = ({*side.protocol()["clips"]} for side in sides)
+    if clips != clips_b:
+        yield f"clips: {len(clips - clips_b)} in A only, {len(clips_b - clips)} in B only."
+
+
+def _protocols(*sides: Results) -> Iterator[dict[str, Any]]:
+    """Yield what each folder stores about all methods and the common clips."""
+    skipped = ("name", "methods", "fingerprint", "clips")
+    common = set.intersection(*({*side.protocol()["clips"]} for side in sides))
+    for side in sides:
+        protocol = {key: value for key, value in side.protocol().items() if key not in skipped}
+        digests = protocol.get("digests", {})
+        yield {
+            **protocol,
+            "digests": {clip: digests[clip] for clip in digests if clip in common},
+        }
 
 
 def _facts(results: Results) -> dict[str, Any]:
@@ -83,8 +97,9 @@ def _paired_differences(*sides: Results) -> Iterator[str]:
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
         gap = Intervals().interval(gaps, common)
+        interval = f" [{gap.low:+.4g}, {gap.high:+.4g}]" if math.isfinite(gap.low) else ""
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "
-            f"clips: {gap.mean:+.4g} [{gap.low:+.4g}, {gap.high:+.4g}]."
+            f"clips: {gap.mean:+.4g}{interval}."
         )
