@@ -33,20 +33,27 @@ TYPES = {
     ),
     "tf": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),
 }
-# of raw images: number of channels, and OpenCV's conversion to RGB
+# of raw images, by their encoding without its 8 or 16 bits: values per pixel, and OpenCV's
+# conversion to RGB
 ENCODINGS: dict[str, tuple[int, int | None]] = {
-    "rgb8": (3, None),
-    "bgr8": (3, cv2.COLOR_BGR2RGB),
+    "rgb": (3, None),
+    "bgr": (3, cv2.COLOR_BGR2RGB),
     "8UC3": (3, cv2.COLOR_BGR2RGB),
-    "rgba8": (4, cv2.COLOR_RGBA2RGB),
-    "bgra8": (4, cv2.COLOR_BGRA2RGB),
-    "mono8": (1, cv2.COLOR_GRAY2RGB),
+    "rgba": (4, cv2.COLOR_RGBA2RGB),
+    "bgra": (4, cv2.COLOR_BGRA2RGB),
+    "8UC4": (4, cv2.COLOR_BGRA2RGB),
+    "mono": (1, cv2.COLOR_GRAY2RGB),
     "8UC1": (1, cv2.COLOR_GRAY2RGB),
-    "mono16": (1, cv2.COLOR_GRAY2RGB),
-    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2RGB),
-    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2RGB),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2RGB),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2RGB),
+    "bayer_rggb": (1, cv2.COLOR_BayerRGGB2RGB),
+    "bayer_bggr": (1, cv2.COLOR_BayerBGGR2RGB),
+    "bayer_gbrg": (1, cv2.COLOR_BayerGBRG2RGB),
+    "bayer_grbg": (1, cv2.COLOR_BayerGRBG2RGB),
+    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUYV),
+    "yuyv": (2, cv2.COLOR_YUV2RGB_YUYV),
+    "nv12": (1, cv2.COLOR_YUV2RGB_NV12),  # colours in more rows, half as many
+    "nv21": (1, cv2.COLOR_YUV2RGB_NV21),
 }
 
 
@@ -216,28 +223,39 @@ def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
     if hasattr(message, "format"):  # CompressedImage, "encoding; codec compressed"
         if "compressedDepth" in message.format:
             raise BadData(f"{name} is of a depth topic: give the image_topic of a camera")
-        encoding = message.format.partition(";")[0].strip()
         image = image_frames.read_image(name, bits, message.data.tobytes())
-        # a mosaic of 8 or 16 bits; image_transport names it, too, where it has demosaicked
-        _, conversion = ENCODINGS.get(f"{encoding[:10]}8", (1, None))
+        # a mosaic; image_transport names it, too, where it has demosaicked
+        kind, _ = _encoding(message.format.partition(";")[0].strip())
         is_grey = bool((image == image[..., :1]).all())
-        if not encoding.startswith("bayer") or conversion is None or not is_grey:
+        _, conversion = ENCODINGS.get(kind, (1, None))
+        if not kind.startswith("bayer") or conversion is None or not is_grey:
             return image
         return cv2.cvtColor(image[..., 0], conversion)
-    if message.encoding not in ENCODINGS:
+    kind, depth = _encoding(message.encoding)
+    if kind not in ENCODINGS:
         raise BadData(
-            f"{name} has the encoding {message.encoding!r}, expected {', '.join(ENCODINGS)}: "
-            "convert the topic, or give another image_topic"
+            f"{name} has the encoding {message.encoding!r}, expected 8 or 16 bits of "
+            f"{', '.join(ENCODINGS)}: convert the topic, or give another image_topic"
         )
-    num_channels, conversion = ENCODINGS[message.encoding]
-    kind = "u2" if message.encoding == "mono16" else "u1"
-    with files.checked(f"{name} is not an image", "record the topic again"):
-        values = message.data.view(">"[: message.is_bigendian] + kind)
-        rows = values.reshape(message.height, -1)  # may be padded
-        rows = rows[:, : message.width * num_channels]
-        image = rows.reshape(message.height, message.width, num_channels)
+    num_values, conversion = ENCODINGS[kind]
+    num_rows = message.height * 3 // 2 if kind.startswith("nv") else message.height
+    problem = f"{name} is not an image", "record the topic again"
+    with files.checked(*problem):
+        values = message.data.view("<>"[bool(message.is_bigendian)] + depth)
+        rows = values.reshape(num_rows, -1)  # may be padded
+        rows = rows[:, : message.width * num_values].astype(depth)
+        image = rows.reshape(num_rows, message.width, num_values)
     image = image_frames.to_8_bits(name, image, bits)
-    return image if conversion is None else cv2.cvtColor(image, conversion)
+    with files.checked(*problem):
+        return image if conversion is None else cv2.cvtColor(image, conversion)
+
+
+def _encoding(text: str) -> tuple[str, str]:
+    """Return an encoding without its bits, and NumPy's name of their type."""
+    for bits, depth in (("16", "u2"), ("8", "u1")):
+        if text.endswith(bits):
+            return text.removesuffix(bits), depth
+    return text, "u1"
 
 
 def stamp_ns(message: Any, recorded_ns: int) -> int:

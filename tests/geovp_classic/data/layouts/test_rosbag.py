@@ -58,29 +58,71 @@ def test_each_kind_of_bag_gives_its_clip(tmp_path: Path, name: str, omitted: str
 BAYER = {"rggb": (0, 1, 1, 2), "bggr": (2, 1, 1, 0), "gbrg": (1, 2, 0, 1), "grbg": (1, 0, 2, 1)}
 
 
+# Y, U and V of (200, 90, 30) by BT.601 with limited range: Y = 16 + .257 R + .504 G + .098 B
+YUV = [116, 85, 181]
+PACKED = {"uyvy": [1, 0, 2, 0], "yuyv": [0, 1, 0, 2]}
+ALIASES = {
+    "yuv422": "uyvy",
+    "yuv422_yuy2": "yuyv",
+    "8UC4": "bgra8",
+    "8UC3": "bgr8",
+    "8UC1": "mono8",
+}
+
+
 def encoded(image: np.ndarray, encoding: str) -> np.ndarray:
-    """Return the values of an RGB image as they are recorded."""
+    """Return the values of an RGB image as they are recorded, of YUV of (200, 90, 30)."""
+    encoding = ALIASES.get(encoding, encoding)
+    if encoding.endswith("16"):
+        return 16 * encoded(image, f"{encoding[:-2]}8").astype(np.uint16)
+    if encoding in PACKED:
+        return np.tile(np.array(YUV, np.uint8)[PACKED[encoding]], (12, 8)).reshape(12, 16, 2)
+    if encoding in ("nv12", "nv21"):
+        colours = YUV[1:] if encoding == "nv12" else YUV[:0:-1]
+        rows = [np.full((12, 16), YUV[0]), np.tile(colours, (6, 8))]
+        return np.concatenate(rows).astype(np.uint8)
     if encoding.startswith("bayer"):
         mosaic = image[..., 0].copy()
         for place, channel in enumerate(BAYER[encoding[6:10]]):
             row, column = divmod(place, 2)
             mosaic[row::2, column::2] = image[row::2, column::2, channel]
         return mosaic
-    if encoding in ("mono8", "mono16"):
-        return image[..., 0] if encoding == "mono8" else image[..., 0].astype(np.uint16) * 16
+    if encoding == "mono8":
+        return image[..., 0]
     image = image if encoding.startswith("rgb") else image[..., ::-1]
     return np.insert(image, 3, 7, axis=2) if "a8" in encoding else image
 
 
-@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", "mono16", *BAYER])
-def test_images_are_decoded(encoding: str) -> None:
+@pytest.mark.parametrize("is_bigendian", [False, True])
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        *(f"{name}{bits}" for name in ("rgb", "bgr", "rgba", "bgra", "mono") for bits in (8, 16)),
+        *(f"bayer_{name}{bits}" for name in BAYER for bits in (8, 16)),
+        *(*ALIASES, *PACKED, "nv12", "nv21"),
+    ],
+)
+def test_images_are_decoded(encoding: str, is_bigendian: bool) -> None:
     image = np.full((12, 16, 3), (200, 90, 30), np.uint8)
-    encoding = f"bayer_{encoding}8" if encoding in BAYER else encoding
-    if "mono" in encoding:
+    if "mono" in encoding or encoding == "8UC1":
         image[:] = image[..., :1]
-    made = Messages(is_ros1=False)
-    message = made.image(START_NS, encoded(image, encoding), encoding)
-    np.testing.assert_array_equal(bags.decode(Path("image"), message, 12), image)
+    values = encoded(image, encoding)
+    if is_bigendian:
+        values = values.astype(values.dtype.newbyteorder(">"))
+    message = Messages(is_ros1=False).image(START_NS, values, encoding)
+    message.is_bigendian = is_bigendian
+    message.height, message.width = 12, 16
+    decoded = bags.decode(Path("image"), message, 12)
+    tolerance = 3 if "yuv" in encoding or encoding in PACKED or "nv" in encoding else 0
+    np.testing.assert_allclose(decoded.astype(int), image, atol=tolerance)
+
+
+def test_an_image_that_has_too_few_values_or_an_odd_width_is_refused() -> None:
+    for width, values in ((16, np.zeros((12, 7, 2), np.uint8)), (15, np.zeros((12, 15, 2), "u1"))):
+        message = Messages(is_ros1=False).image(START_NS, values, "yuyv")
+        message.width = width
+        with pytest.raises(BadData, match="image is not an image"):
+            bags.decode(Path("image"), message)
 
 
 def test_compressed_images_without_stamps_in_any_order(tmp_path: Path) -> None:
