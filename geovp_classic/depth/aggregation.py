@@ -62,20 +62,22 @@ class SemiGlobalAggregation:
     def winners(
         self,
         sums: SumArray,  # [H, W, N]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the best plane [H, W], refined by a parabola, and its lead over rivals [H, W].
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the best plane [H, W], refined by a parabola, and its leads [H, W].
 
-        The lead is in costs of one direction.
+        They are those over its rivals and over the first plane, in costs of one direction.
         """
-        levels, lead = np.empty((2, *sums.shape[:2]), np.float32)
+        levels, lead, lead_over_first = np.empty((3, *sums.shape[:2]), np.float32)
 
         def judge(first: int) -> None:
             rows = slice(first, first + ROWS_PER_TASK)
             pixels = sums[rows].reshape(-1, sums.shape[-1])
-            _judge(pixels, self.num_neighbours, levels[rows].ravel(), lead[rows].ravel())
+            written = [each[rows].ravel() for each in (levels, lead, lead_over_first)]
+            _judge(pixels, self.num_neighbours, *written)
 
         parallel_map(judge, range(0, len(sums), ROWS_PER_TASK))
-        return levels, lead / (2 * len(DIRECTIONS))
+        num_directions = 2 * len(DIRECTIONS)
+        return levels, lead / num_directions, lead_over_first / num_directions
 
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
@@ -94,8 +96,9 @@ def _judge(
     num_neighbours: int,
     levels: FloatArray,  # [M], written
     lead: FloatArray,  # [M], written
+    lead_over_first: FloatArray,  # [M], written
 ) -> None:
-    """Find the best plane of each pixel and its lead over rivals."""
+    """Find the best plane of each pixel and its leads over rivals and over the first plane."""
     worst = np.uint16(2**16 - 1)
     num_planes = sums.shape[1]
     for pixel in range(len(sums)):
@@ -114,6 +117,7 @@ def _judge(
         for n in range(best + num_neighbours + 1, num_planes):
             rival = min(rival, total[n])
         lead[pixel] = rival - lowest
+        lead_over_first[pixel] = total[0] - lowest
         # The minimum of the parabola through the winner and its neighbours.
         levels[pixel] = best
         if 0 < best < num_planes - 1:

@@ -35,3 +35,14 @@ def fill_from_background(
         return np.zeros(inverse_depth.shape, np.float32)
     pixels = background_pixels(is_known, -inverse_depth)
     return np.asarray(inverse_depth, np.float32).ravel()[pixels]
+
+
+def upper_part(is_region: BoolArray) -> BoolArray:
+    """Return the connected parts [H, W] of a region that reach the upper border."""
+    # What hangs on by less than five pixels is another part.
+    opened = cv2.morphologyEx(is_region.view(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    num_parts, parts = cv2.connectedComponents(opened, connectivity=4)
+    is_upper = np.zeros(num_parts, bool)
+    is_upper[parts[0]] = True
+    is_upper[0] = False
+    return np.asarray(is_upper[parts])

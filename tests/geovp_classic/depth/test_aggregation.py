@@ -43,7 +43,7 @@ def test_one_bad_pixel_is_outvoted() -> None:
     costs = np.full((7, 9, 6), 100, np.uint8)
     costs[..., 2] = 20
     costs[3, 4, 2], costs[3, 4, 5] = 40, 20
-    best, _ = AGGREGATION.winners(AGGREGATION.aggregate(costs, np.zeros((7, 9), np.uint8)))
+    best, _, _ = AGGREGATION.winners(AGGREGATION.aggregate(costs, np.zeros((7, 9), np.uint8)))
     np.testing.assert_allclose(best, 2, atol=0.2)
 
 
@@ -51,9 +51,10 @@ def test_the_winner_lies_between_planes_and_leads_over_rivals() -> None:
     # The lowest point of a parabola through 30, 10, 20 is (30 - 20) / (2 (20 + 10)) = 1/6 above the
     # second plane. Planes up to two away are no rivals: the best rival is the fifth, 58.
     sums = np.array([[[30, 10, 20, 21, 58, 74]]], np.uint16)
-    best, lead = AGGREGATION.winners(sums)
+    best, lead, lead_over_first = AGGREGATION.winners(sums)
     assert best[0, 0] == pytest.approx(1 + 1 / 6)
     assert lead[0, 0] == pytest.approx((58 - 10) / 8)  # of eight directions
+    assert lead_over_first[0, 0] == pytest.approx((30 - 10) / 8)
 
 
 def test_the_outermost_planes_win_without_a_parabola() -> None:

@@ -42,3 +42,13 @@ def test_islands_are_found_by_their_size() -> None:
     islands = completion.find_islands(levels, 10 / 400, 2.0)
     assert islands[2:4, 2:4].all()
     assert islands.sum() == 4
+
+
+def test_the_upper_part_of_a_region_reaches_the_upper_border() -> None:
+    is_region = np.zeros((40, 40), bool)
+    is_region[:20, 5:15] = True
+    is_region[20:30, 8:11] = True  # three pixels wide: not a part of it
+    is_region[30:, 20:] = True
+    expected = np.zeros_like(is_region)
+    expected[:20, 5:15] = True
+    np.testing.assert_array_equal(completion.upper_part(is_region), expected)

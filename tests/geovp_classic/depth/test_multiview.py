@@ -111,6 +111,22 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> No
     assert inverse_depth[8:30, 40:-40].max() < 1 / 50
 
 
+def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not(observe: Observe) -> None:
+    context, past, truth = observe(_drive())
+    frames = context.frames.copy()
+    sky = frames[:, :40, 30:-30]
+    noise = np.random.default_rng(0).normal(0, 1, sky.shape[:3])[..., None]
+    sky[:] = np.rint(220 + noise)
+    context = dataclasses.replace(context, frames=frames)
+    inverse_depth, _ = estimate(context, past)
+    assert (inverse_depth[:30, 40:-40] == 0).all()
+    beside = np.s_[:30, :24]
+    assert np.median(np.abs(inverse_depth[beside] / truth[-1][beside] - 1)) < 0.05
+    assert (inverse_depth[beside] > 0).all()
+    guessed, _ = estimate(context, past, Multiview(max_sky_lead=0))
+    assert (guessed[:30, 40:-40] > 0).mean() > 0.05
+
+
 def test_the_memory_of_a_sweep_is_bounded(observe: Observe) -> None:
     # 128 x 112 pixels and 96 planes are 1.4 million costs, of 5 bytes with their path sums: 6.9 MB.
     context, past, truth = observe(_drive())
