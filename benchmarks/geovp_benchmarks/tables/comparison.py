@@ -24,7 +24,8 @@ def compare(a: Results, b: Results) -> Iterator[str]:
         pairs = [(method.label, method.label) for method in a.methods() if method.label in labels]
     if not pairs:
         raise BadData(f"{a.root} and {b.root} share no method: name them as DIR:METHOD")
-    shared = [*_clips(a, b), *_differences(*_protocols(a, b))]
+    common = {*a.protocol()["clips"]} & {*b.protocol()["clips"]}
+    shared = [*_clips(a, b), *_differences(_protocol(a, common), _protocol(b, common))]
     yield from shared
     for name, other_name in pairs:
         side, other = a.select(name), b.select(other_name)
@@ -41,17 +42,12 @@ def _clips(*sides: Results) -> Iterator[str]:
         yield f"clips: {len(clips - clips_b)} in A only, {len(clips_b - clips)} in B only."
 
 
-def _protocols(*sides: Results) -> Iterator[dict[str, Any]]:
-    """Yield what each folder stores about all methods and the common clips."""
+def _protocol(side: Results, common: set[str]) -> dict[str, Any]:
+    """Return what a folder stores about all methods and the common clips."""
     skipped = ("name", "methods", "fingerprint", "clips")
-    common = set.intersection(*({*side.protocol()["clips"]} for side in sides))
-    for side in sides:
-        protocol = {key: value for key, value in side.protocol().items() if key not in skipped}
-        digests = protocol.get("digests", {})
-        yield {
-            **protocol,
-            "digests": {clip: digests[clip] for clip in digests if clip in common},
-        }
+    protocol = {key: value for key, value in side.protocol().items() if key not in skipped}
+    digests = protocol.get("digests", {})
+    return {**protocol, "digests": {clip: digests[clip] for clip in digests if clip in common}}
 
 
 def _facts(results: Results) -> dict[str, Any]:
