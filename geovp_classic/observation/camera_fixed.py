@@ -3,7 +3,7 @@
 A textured pixel is fixed to the camera if it stays in place, to a thousandth of what the rest of
 the image moves. Far scenery and edges along the motion seem to stay, too, but the camera's own
 shake moves them by more; only a camera that never turns would show them like this. A region without
-texture gives no evidence. It is camera-fixed only if edges that are, and the border of the image,
+texture gives no evidence. It is camera-fixed only if pixels that are, and the border of the image,
 enclose it.
 """
 
@@ -178,7 +178,23 @@ class CameraFixedDetection:
         is_enclosed &= np.bincount(at_border, minlength=num_regions) > 0
         is_enclosed[0] = False
         mask |= is_enclosed[regions]
-        return cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
+        closed = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+        return self._without_holes(closed > 0, edges.pixel_change)
+
+    def _without_holes(self, mask: BoolArray, pixel_change: FloatArray) -> BoolArray:
+        """Return a mask [H, W] with the parts that it and the border enclose.
+
+        They are smaller than the mask, and most of their pixels do not change: not the scene beside
+        a pillar.
+        """
+        num_parts, parts, statistics, _ = cv2.connectedComponentsWithStats(
+            (~mask).view(np.uint8), connectivity=4
+        )
+        area = statistics[:, cv2.CC_STAT_AREA]
+        is_still = pixel_change < self.max_still_change
+        num_still = np.bincount(parts.ravel(), weights=is_still.ravel(), minlength=num_parts)
+        is_hole = (area < mask.sum()) & (num_still > area / 2)
+        return is_hole[parts] | mask
 
 
 def _outlines(regions: IntArray, mask: BoolArray, num_regions: int) -> tuple[IntArray, IntArray]:

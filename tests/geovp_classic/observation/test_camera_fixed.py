@@ -84,6 +84,18 @@ def test_hood_pillar_and_time_stamp_are_detected(
     assert recall > 0.8
 
 
+def test_a_plain_region_inside_a_textured_hood_is_a_part_of_it(street: Clip) -> None:
+    texture = np.random.default_rng(1).integers(20, 200, (SIDE // 4, SIDE // 4, 1), np.uint8)
+    texture = cv2.resize(texture, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)[..., None]
+    plain = np.zeros((SIDE, SIDE), bool)
+    plain[165:184, 70:120] = True
+    frames = np.where(hood()[..., None], texture, street.frames[:10])
+    frames = painted(frames, plain, (90, 90, 90))
+    mask = detected(frames)
+    assert mask[165:184, 70:120].mean() > 0.9
+    assert precision_and_recall(mask, hood())[0] > 0.9
+
+
 def test_digits_without_a_box_are_detected(street: Clip) -> None:
     """Their gaps show the scene, and count as camera-fixed where they are narrow."""
     box, digits = stamp()
