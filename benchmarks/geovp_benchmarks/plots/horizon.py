@@ -105,7 +105,7 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
         if len(curves) <= options.max_intervals and num_clips > 2:
             subtitle += " with 95 % intervals"
         if len(methods) < len(material.methods):
-            subtitle += f"; {len(methods)} of {len(material.methods)} methods (see --methods)"
+            subtitle += f"; {len(methods)} of {len(material.methods)} methods"
         # Figures of strata share their vertical axis.
         formats = ("svg",) if "@" in metric else ("png", "svg")
         page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
@@ -148,8 +148,8 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
         num_steps = np.isfinite(samples).any(axis=(0, 1)).sum()
         if method.label == against or num_steps < min(2, samples.shape[2]):
             continue
-        if is_of_poses and not against and not np.nan_to_num(samples).any():
-            continue  # true poses, whose errors are 0
+        if is_of_poses and not against and np.allclose(np.nan_to_num(samples), 0):
+            continue  # true poses, whose errors are 0 but for rounding
         for suffix, reduce in reductions(method.num_samples).items():
             if reduce is best_of_samples and higher is None:
                 continue

@@ -14,8 +14,12 @@ const select = () => {
 filter.addEventListener("input", select);
 everything.addEventListener("change", select);
 const keys = { m: () => everything.click() };
+// A key that the focused control uses itself is left to it.
+const isTaken = (control, key) => control.matches("input:not([type=checkbox], [type=range]), select")
+  || (key === " " && control.matches("input, button, summary, th"))
+  || (key.startsWith("Arrow") && control.matches("[type=range]"));
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input:not([type=checkbox]), select, button, summary, th")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || isTaken(event.target, event.key)) return;
   if (keys[event.key]) { event.preventDefault(); keys[event.key](); }
 });
 
