@@ -127,6 +127,13 @@ def test_packages_do_not_import_foreign_packages(package: str) -> None:
             assert not (never - spared) & {name.partition(".")[0] for name in imports}, module
 
 
+def test_the_page_draws_these_layers() -> None:
+    page = (ROOT / "docs/architecture.md").read_text()
+    blocks = [block.removeprefix("text\n") for block in page.split("```") if "\n< " in block]
+    drawn = [[set(line.split(", ")) for line in block.strip().split("\n< ")] for block in blocks]
+    assert drawn == [CLASSIC_LAYERS, BENCHMARK_LAYERS, APPLICATION_LAYERS]
+
+
 def test_imports_have_no_cycles() -> None:
     edges = {module: imports & MODULES.keys() for module, imports in IMPORTS.items()}
     order = list(graphlib.TopologicalSorter(edges).static_order())  # CycleError names a cycle
