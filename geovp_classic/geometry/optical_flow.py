@@ -1,8 +1,8 @@
-"""Sparse tracking: pyramidal Lucas-Kanade with a forward-backward check.
+"""Optical flow: sparse tracks with a forward-backward check, and dense flow.
 
-Lucas & Kanade 1981; Kalal et al. 2010. The way back must not start at the answer: a search that
-starts at the point itself often stays there, whatever the way forward found. It starts where the
-predicted motion, reversed, leads from the point that was found.
+Tracks: pyramidal Lucas-Kanade (Lucas & Kanade 1981; Kalal et al. 2010). The way back must not start
+at the answer: a search that starts at the point itself often stays there, whatever the way forward
+found. It starts where the predicted motion, reversed, leads from the point that was found.
 """
 
 import functools
@@ -11,6 +11,24 @@ import cv2
 import numpy as np
 
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
+
+MIN_DENSE_PX = 16  # of a side; smaller images, and narrower ones than 1:3, crash OpenCV's DIS
+
+
+def dense_flow(
+    source: ByteArray,  # [H, W]
+    target: ByteArray,  # [H, W]
+    preset: int,  # cv2.DISOPTICAL_FLOW_PRESET_...
+) -> FloatArray:
+    """Return the flow [H, W, 2] from an image to another, in pixels (DIS, Kroeger et al. 2016)."""
+    height, width = source.shape
+    # Narrow images are continued, since their pyramid has levels that are smaller than a patch.
+    side = max(MIN_DENSE_PX, -(-max(height, width) // 3))
+    margin = (0, max(0, side - height), 0, max(0, side - width))
+    first = cv2.copyMakeBorder(source, *margin, cv2.BORDER_REPLICATE)
+    second = cv2.copyMakeBorder(target, *margin, cv2.BORDER_REPLICATE)
+    flow = cv2.DISOpticalFlow.create(preset).calc(first, second, None)
+    return np.asarray(flow)[:height, :width]
 
 
 def track_points(

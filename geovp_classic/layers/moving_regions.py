@@ -12,6 +12,7 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
+from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory
 from geovp_classic.types.layers import MovingPatch
 
@@ -144,7 +145,6 @@ class MovingRegions:
         last = greys[-1]
         pixels = np.stack(np.meshgrid(*map(np.arange, last.shape[::-1])), axis=-1)
         pixels = pixels.astype(np.float32)
-        flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
 
         # Where the rotation of the camera alone takes the pixels: K R K^-1. What is left of the
         # flow is a constant motion in the image (least squares).
@@ -152,7 +152,8 @@ class MovingRegions:
         rotated = [self._rotated(past, stride, camera) for stride in strides]
         motion_px_s = np.zeros((*last.shape, 2), np.float32)
         for stride, time_s, homography in zip(strides, elapsed_s, rotated, strict=True):
-            matched = pixels + flow.calc(last, greys[-1 - stride], None)
+            earlier = greys[-1 - stride]
+            matched = pixels + dense_flow(last, earlier, cv2.DISOPTICAL_FLOW_PRESET_FAST)
             back = cv2.perspectiveTransform(matched, np.linalg.inv(homography))
             motion_px_s += np.float32(time_s) * (back - pixels)
         motion_px_s /= np.float32(sum(time_s**2 for time_s in elapsed_s))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
 
 
@@ -153,9 +154,9 @@ class CameraFixedDetection:
         """Return the length [h, w] of the image motion over all frames, from a few pairs."""
         size_px = greys.shape[2] // 2, greys.shape[1] // 2
         half = [cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA) for grey in greys]
-        method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        preset = cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST
         steps = np.unique(np.linspace(0, len(greys) - 2, 4).round().astype(int))
-        flows = [method.calc(half[step], half[step + 1], None) for step in steps]
+        flows = [dense_flow(half[step], half[step + 1], preset) for step in steps]
         flow_px = 2 * (len(greys) - 1) * np.mean(flows, axis=0)
         cells = greys.shape[2] // self.cell_px, greys.shape[1] // self.cell_px
         return np.linalg.norm(cv2.resize(flow_px, cells, interpolation=cv2.INTER_AREA), axis=-1)

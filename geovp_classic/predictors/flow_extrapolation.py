@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.geometry import pinhole
+from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.predictors.image_warping import (
@@ -78,9 +79,9 @@ class FlowExtrapolation:
 
         The second array [H, W] states where the flow back agrees with it.
         """
-        dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        backward = dis.calc(now, before, None)
-        forward = dis.calc(before, now, None)
+        preset = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM
+        backward = dense_flow(now, before, preset)
+        forward = dense_flow(before, now, preset)
         rows, columns = np.indices(now.shape, np.float32)
         returning = cv2.remap(
             forward,

@@ -4,8 +4,9 @@ lost.
 
 import cv2
 import numpy as np
+import pytest
 
-from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.geometry.optical_flow import dense_flow, track_points
 from geovp_classic.types import ByteArray, FloatArray
 
 TEXTURE = cv2.GaussianBlur(
@@ -80,3 +81,16 @@ def test_what_is_covered_or_has_no_texture_is_lost() -> None:
     assert kept[PIXELS[:, 0] > 155].all()
     flat = np.full_like(TEXTURE, 90)
     assert not track_points((flat, flat), PIXELS, PIXELS, 15)[1].any()
+
+
+@pytest.mark.parametrize("size_px", [(128, 24), (24, 128), (8, 8), (40, 12), (320, 20), (96, 64)])
+@pytest.mark.parametrize("preset", [0, 1, 2], ids=["ultrafast", "fast", "medium"])
+def test_dense_flow_of_narrow_images_is_measured(size_px: tuple[int, int], preset: int) -> None:
+    """OpenCV ends the process for some of these sizes."""
+    width, height = size_px
+    noise = np.random.default_rng(0).integers(0, 255, (height, width + 1), np.uint8)
+    image = cv2.GaussianBlur(noise, (0, 0), 2)
+    flow = dense_flow(image[:, 1:].copy(), image[:, :-1].copy(), preset)
+    assert flow.shape == (height, width, 2)
+    if min(size_px) >= 20:
+        np.testing.assert_allclose(np.median(flow, axis=(0, 1)), [1, 0], atol=0.3)
