@@ -18,7 +18,7 @@ from geovp_benchmarks.cli.options import Lines, number, option, shared
 CAMERA = {
     "camera, at most one of": {
         "--intrinsics X": option(
-            "FX FY CX CY in pixels of the stored images. Default: estimated from the motion.",
+            "FX FY CX CY in pixels of the upright images. Default: estimated from the motion.",
             nargs=4,
             metavar=("FX", "FY", "CX", "CY"),
         ),

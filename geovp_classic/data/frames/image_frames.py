@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Protocol
 import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
@@ -44,19 +44,41 @@ class FrameReader(Protocol):
         """Return a hash of the content of a frame, which does not depend on its path."""
 
 
-def decode(path: Path, flags: int, content: bytes | None = None) -> Array:
+def decode(
+    path: Path,
+    flags: int,
+    content: bytes | None = None,
+    *,
+    is_upright: bool = False,
+) -> Array:
     """Return the image of a file, or of its content, as OpenCV decodes it.
 
     BadData if the file is damaged.
     """
     data = files.read_bytes(path) if content is None else content
     what = f"{path} cannot be decoded as an image"
-    _check_image(path, io.BytesIO(data))
+    _, orientation = _check_image(path, io.BytesIO(data), is_upright=is_upright)
     with files.checked(what, "restore the file"):
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        pixels = np.frombuffer(data, np.uint8)
+        image = cv2.imdecode(pixels, flags | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise ValueError("its pixels are damaged")
-        return image
+        return oriented(
+            image,
+            is_transposed=orientation >= 5,
+            has_rows_reversed=orientation in (3, 4, 7, 8),
+            has_columns_reversed=orientation in (2, 3, 6, 7),
+        )
+
+
+def oriented(
+    image: Array, *, is_transposed: bool, has_rows_reversed: bool, has_columns_reversed: bool
+) -> Array:
+    """Return an image that is turned by a multiple of 90 degrees, mirrored or both."""
+    if is_transposed:
+        image = image.swapaxes(0, 1)
+    image = image[:: -1 if has_rows_reversed else 1, :: -1 if has_columns_reversed else 1]
+    return np.ascontiguousarray(image)
 
 
 def read_image(
@@ -76,9 +98,7 @@ def read_image(
     alike. BadData if the file is damaged.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
-    if not is_upright:
-        flags |= cv2.IMREAD_IGNORE_ORIENTATION
-    image = decode(path, flags, content)
+    image = decode(path, flags, content, is_upright=is_upright)
     return cv2.cvtColor(to_8_bits(path, image, bits), cv2.COLOR_BGR2RGB)
 
 
@@ -113,32 +133,43 @@ def read_depth(path: Path, values_per_m: float = 5000.0) -> FloatArray:
 def image_size(path: Path, *, is_upright: bool = False) -> Size:
     """Return (width, height) of an image as `read_image` returns it; BadData if it is damaged."""
     with files.opened(path) as file:
-        return _check_image(path, file, is_upright=is_upright)
+        size_px, orientation = _check_image(path, file, is_upright=is_upright)
+    return size_px[::-1] if orientation >= 5 else size_px
 
 
-def _check_image(path: Path, file: BinaryIO, *, is_upright: bool = False) -> Size:
-    """Return (width, height); BadData if the image is too large, truncated or damaged.
+def _check_image(path: Path, file: BinaryIO, *, is_upright: bool) -> tuple[Size, int]:
+    """Return (width, height) of the stored image, and the EXIF orientation that it is shown with.
 
-    OpenCV would show the missing part of a truncated image in grey.
+    BadData if the image is too large, truncated or damaged. OpenCV would show the missing part of
+    a truncated image in grey.
     """
     what = f"{path} cannot be decoded as an image"
-    with files.checked(what, "restore or shrink it"), Image.open(file) as image:
-        size_px = image.size
-        if math.prod(size_px) > MAX_PIXELS:
-            raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
-        # Pillow would decode a PNG to look for EXIF data behind its pixels
-        has_exif = image.format != "PNG" or "exif" in image.info
-        turned = (5, 6, 7, 8)
-        if is_upright and has_exif and image.getexif().get(ExifTags.Base.Orientation) in turned:
-            size_px = size_px[::-1]  # turned by 90 degrees
-        # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
-        # eighth of its size
-        if image.format in ("PNG", "WEBP"):
-            image.verify()
-        else:
-            image.draft("RGB", (1, 1))
-            image.load()
-    return size_px
+    with files.checked(what, "restore or shrink it"):
+        try:
+            image = Image.open(file)
+        except UnidentifiedImageError:  # its text holds an address
+            raise ValueError("it has no known format") from None
+        with image:
+            size_px = image.size
+            if math.prod(size_px) > MAX_PIXELS:
+                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+            # Pillow would decode a PNG to look for EXIF data behind its pixels
+            orientation = 1
+            if image.format != "PNG" or "exif" in image.info:
+                orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
+            if image.format == "TIFF":  # Pillow and OpenCV turn it upright
+                if orientation != 1 and not is_upright:
+                    raise ValueError(f"its pixels are turned by EXIF orientation {orientation}")
+                orientation = 1
+            # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at
+            # an eighth of its size
+            if image.format in ("PNG", "WEBP"):
+                image.verify()
+            else:
+                image.draft("RGB", (1, 1))
+                image.load()
+    is_turned = is_upright and orientation in range(2, 9)
+    return size_px, orientation if is_turned else 1
 
 
 @dataclass(frozen=True)

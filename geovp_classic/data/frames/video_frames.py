@@ -18,7 +18,7 @@ from av.stream import Disposition
 from av.video.reformatter import VideoReformatter
 
 from geovp_classic import files
-from geovp_classic.data.frames.image_frames import MAX_PIXELS, file_digest
+from geovp_classic.data.frames.image_frames import MAX_PIXELS, file_digest, oriented
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
@@ -254,11 +254,15 @@ class VideoFrames:
             image = cv2.resize(image, (wider_px, taller_px))
         # turned by about 90 degrees, mirrored or both
         (a, b), (c, d) = self._shown_from_stored
-        if abs(b) > abs(a):
-            image = image.transpose(1, 0, 2)
+        is_transposed = abs(b) > abs(a)
+        if is_transposed:
             a, d = c, b
-        image = image[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
-        return np.ascontiguousarray(image)
+        return oriented(
+            image,
+            is_transposed=is_transposed,
+            has_rows_reversed=d < 0,
+            has_columns_reversed=a < 0,
+        )
 
 
 def is_video(path: Path) -> bool:

@@ -32,13 +32,13 @@ class Folder(SequenceDataset):
     `times` and `trajectory` are files in each. `sequences` names some of them, or frames of them
     ("city", "city[100:400)").
 
-    `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored; (0, 0) is the
-    centre of the top-left one. A video is shown upright and with square pixels, and its times are
-    those of presentation; for images they come from the file `times` (one number a line) or from
-    `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else 10 Hz are assumed.
-    Of faster recordings, about 10 frames per second are used, or `rate_hz`. `trajectory` is a KITTI
-    or TUM file with one pose a frame; `is_metric` says whether its unit is the metre. Other
-    settings are `SequenceDataset`'s.
+    Images are shown upright, as their EXIF data say, and a video with square pixels, too;
+    `intrinsics` are (fx, fy, cx, cy) in pixels of these, (0, 0) being the centre of the top-left
+    one. The times of a video are those of presentation; for images they come from the file `times`
+    (one number a line) or from `frame_rate_hz`; with neither, from a TUM trajectory if there is
+    one, else 10 Hz are assumed. Of faster recordings, about 10 frames per second are used, or
+    `rate_hz`. `trajectory` is a KITTI or TUM file with one pose a frame; `is_metric` says whether
+    its unit is the metre. Other settings are `SequenceDataset`'s.
     """
 
     is_upright = True

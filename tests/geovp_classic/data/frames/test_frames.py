@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames.image_frames import (
@@ -60,6 +61,60 @@ def test_truncated_images_are_refused(tmp_path: Path, name: str) -> None:
                 read(path)
     path.unlink()
     with pytest.raises(BadData, match=r"cannot be read \(No such file"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif", "a.webp"])
+@pytest.mark.parametrize("orientation", range(1, 10))
+def test_photos_are_turned_and_measured_by_one_orientation(
+    name: str, orientation: int, tmp_path: Path
+) -> None:
+    """The upper left quarter is white; 9 is no orientation."""
+    path = tmp_path / name
+    stored = np.zeros((32, 48, 3), np.uint8)
+    stored[:16, :24] = 255
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    Image.fromarray(stored).save(path, exif=exif, quality=100)
+    turned = read_image(path)
+    corners = [turned[v, u, 0] > 128 for v in (4, -5) for u in (4, -5)]
+    # columns reversed, both, rows reversed; transposed, and then the same
+    assert corners.index(True) == [0, 1, 3, 2, 0, 1, 3, 2, 0][orientation - 1]
+    size_px = (32, 48) if 5 <= orientation <= 8 else (48, 32)
+    assert image_size(path, is_upright=True) == turned.shape[1::-1] == size_px
+    if name == "a.tif" and orientation > 1:
+        for read in (read_image, image_size):
+            with pytest.raises(BadData, match="its pixels are turned by EXIF orientation"):
+                read(path, is_upright=False)
+    else:
+        assert np.abs(read_image(path, is_upright=False).astype(int) - stored).mean() < 3
+        assert image_size(path) == (48, 32)
+
+
+def test_an_orientation_of_xmp_data_turns_and_measures(tmp_path: Path) -> None:
+    xmp = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-'
+        'syntax-ns#"><rdf:Description xmlns:tiff="http://ns.adobe.com/tiff/1.0/" '
+        'tiff:Orientation="6"/></rdf:RDF></x:xmpmeta>'
+    )
+    path = tmp_path / "a.jpg"
+    Image.new("RGB", (48, 32)).save(path, xmp=xmp.encode())
+    assert image_size(path, is_upright=True) == read_image(path).shape[1::-1] == (32, 48)
+
+
+@pytest.mark.parametrize("mode", ["CMYK", "P", "1", "LA", "RGBA"])
+def test_colours_are_those_of_pillow(mode: str, tmp_path: Path) -> None:
+    colours = Image.fromarray(scene()[..., ::-1]).convert(mode)
+    path = tmp_path / ("a.tif" if mode == "CMYK" else "a.png")
+    colours.save(path)
+    expected = np.asarray(colours.convert("RGB")).astype(int)
+    assert np.abs(read_image(path) - expected).max() <= 1
+
+
+def test_a_format_that_is_not_known_is_named_without_an_address(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    cv2.imwrite(str(path), np.zeros((6, 8, 3), np.float32))
+    with pytest.raises(BadData, match=r"\(it has no known format\)"):
         read_image(path)
 
 
