@@ -101,6 +101,9 @@ class Doctor:
             camera_sizes_px = _image_sizes(scan, findings, deep)
             sizes_px |= camera_sizes_px
             focals.add(self._examine_cameras(folder, scan, camera_sizes_px, findings))
+        if is_readable and not first.cameras:
+            message = "has no known camera: give its field of view, intrinsics or a calibration"
+            findings.add(folder, message, severity="note")
         # a longer step between images than usual means that some were dropped
         times_s = first.times_s[np.isfinite(first.times_s)]
         usual_s = np.nan
@@ -160,6 +163,7 @@ class Doctor:
         """
         numbers = scan.posed
         count = len(scan.images)
+        longest = int(np.diff([0, *scan.breaks, len(numbers)]).max())
         # poses of all images, of some or of none
         if scan.world_from_cam is None and count and is_readable:
             findings.add(
@@ -180,6 +184,12 @@ class Doctor:
                 f"{count - len(numbers)} of {count} images have no pose: "
                 f"{len(scan.breaks) + 1} unbroken pieces are left",
                 severity="warning",
+            )
+        if longest == 1 and is_readable:
+            findings.add(
+                folder,
+                f"has no two images in a row{' with poses' if longest < count else ''}: a clip "
+                "needs 2 or more, to observe and to predict",
             )
         if scan.depths is not None and None in scan.depths:
             findings.add(
@@ -234,7 +244,7 @@ def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
     sizes_px: list[Size] = []
     for path in scan.images:
         with findings.catch(path):
-            must_decode = deep or not sizes_px
+            must_decode = deep or path == scan.images[0]
             if scan.load is None:
                 size_px = image_size(path, is_upright=scan.is_upright)
                 if must_decode:

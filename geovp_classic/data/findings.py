@@ -4,6 +4,7 @@ Text files are read here, because each of their lines may be wrong.
 """
 
 import contextlib
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,9 +118,14 @@ class FirstError(Findings):
 RAISE = FirstError()
 
 
-def parse_numbers(words: list[str], *counts: int) -> FloatArray:
+def words(text: str, max_splits: int = 0) -> list[str]:
+    """Split a line at spaces, tabs, commas and semicolons, at most `max_splits` times if not 0."""
+    return re.split(r"[\s,;]+", text.strip(" \t,;"), maxsplit=max_splits)
+
+
+def parse_numbers(text: str, *counts: int) -> FloatArray:
     """Return the finite numbers of a line, as many as one of `counts`; BadData otherwise."""
-    for word in words:
+    for word in words(text):
         try:
             number = float(word)
         except ValueError:
@@ -127,7 +133,7 @@ def parse_numbers(words: list[str], *counts: int) -> FloatArray:
         # nanoseconds since 1970 are below 2^63; float() accepts 1_0 for 10
         if not abs(number) < 2.0**63 or not word.isascii() or "_" in word:
             raise BadData(f"{word[:40]!r} is not a finite number")
-    if len(words) not in counts:
+    if len(words(text)) not in counts:
         expected = " or ".join(map(str, counts))
-        raise BadData(f"{len(words)} numbers, expected {expected}")
-    return np.array(words, np.float64)
+        raise BadData(f"{len(words(text))} numbers, expected {expected}")
+    return np.array(words(text), np.float64)

@@ -114,7 +114,7 @@ def read_entry(path: Path, name: str, count: int) -> FloatArray:
         key, _, numbers = text.rpartition(":")
         if key == name:
             with RAISE.catch(path, line):
-                return parse_numbers(numbers.split(), count)
+                return parse_numbers(numbers, count)
     raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
 
 

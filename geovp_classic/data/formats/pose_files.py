@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic import files
 from geovp_classic.atomic import atomic_write
-from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.findings import RAISE, Findings, parse_numbers, words
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -41,7 +41,7 @@ def read_asl(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatA
         # the real part of the quaternion comes first
         return pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
 
-    times_ns, world_from_body = _read(path, (17, 8), pose_of, findings, ",")
+    times_ns, world_from_body = _read(path, (17, 8), pose_of, findings)
     return times_ns / 1e9, world_from_body
 
 
@@ -49,7 +49,7 @@ def read_times(path: Path, findings: Findings = RAISE) -> FloatArray:
     """Read the times in seconds [N] of a file with one increasing number per line."""
 
     def parse_line(text: str) -> tuple[float, None]:
-        return parse_numbers(text.split(), 1)[0], None
+        return parse_numbers(text, 1)[0], None
 
     times_s, _ = findings.parse(path, parse_line, (np.nan, None))
     return np.array(times_s, np.float64)
@@ -58,7 +58,7 @@ def read_times(path: Path, findings: Findings = RAISE) -> FloatArray:
 def has_times(path: Path) -> bool:
     """Return whether a trajectory file is TUM (True) or KITTI (False), by its first line."""
     _, first_line = RAISE.lines(path)[0]
-    return len(first_line.split()) == 8
+    return len(words(first_line)) == 8
 
 
 def in_seconds(times: FloatArray) -> FloatArray:
@@ -119,7 +119,6 @@ def _read(
     counts: tuple[int, ...],
     pose_of: Callable[[FloatArray], FloatArray],  # [K] -> [4, 4]; BadData for a bad line
     findings: Findings,
-    separator: str | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Read times or frame indices [N], NaN if there are none, and poses [N, 4, 4].
 
@@ -131,7 +130,7 @@ def _read(
     def parse_line(text: str) -> tuple[float, FloatArray]:
         nonlocal expected
         frame = next(numbers_of_frames)
-        numbers = parse_numbers(text.split(separator), *expected)
+        numbers = parse_numbers(text, *expected)
         expected = (len(numbers),)
         if len(numbers) == 13 and numbers[0] != frame:
             raise BadData(f"frame index {numbers[0]:g}, expected {frame}")

@@ -198,8 +198,8 @@ class VideoFrames:
             stamps = self._ticks.tolist()
         steps = np.diff(np.array(stamps, np.float64))
         is_step = steps > 0  # not across two recordings, or without a time
-        usual = float(np.median(steps[is_step])) if is_step.any() else 1.0
-        is_raw |= usual * unit_s < MIN_STEP_S
+        usual = float(np.median(steps[is_step])) if is_step.any() else 0.0
+        is_raw |= len(steps) > 0 and usual * unit_s < MIN_STEP_S
         times_s = np.cumsum([0.0, *np.where(is_step, steps, usual)]) * unit_s
         self.times_s: FloatArray | None = None if is_raw else times_s
 

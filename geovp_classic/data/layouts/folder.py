@@ -88,7 +88,11 @@ class Folder(SequenceDataset):
         if folder.is_file():
             scan = Scan((), np.empty(0))
             with findings.catch(folder):
-                scan = scan_of_video(VideoFrames(folder))
+                frames = VideoFrames(folder)
+                scan = scan_of_video(frames)
+                if frames.times_s is None:
+                    message = f"does not state its rate: {DEFAULT_RATE_HZ:g} Hz are assumed here"
+                    findings.add(folder, message, severity="warning")
             return {"": scan}
         images: tuple[Path, ...] = ()
         with findings.catch(folder):
@@ -129,10 +133,10 @@ class Folder(SequenceDataset):
         return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
 
 
-def scan_of_video(frames: VideoFrames, stated_hz: float | None = None) -> Scan:
-    """Return the scan of a video; BadData for a rate that is not its own."""
+def scan_of_video(frames: VideoFrames) -> Scan:
+    """Return the scan of a video; a raw stream gets the default rate."""
     times_s = frames.times_s
-    if times_s is None:  # a raw stream
-        times_s = np.arange(len(frames)) / (stated_hz or DEFAULT_RATE_HZ)
+    if times_s is None:
+        times_s = np.arange(len(frames)) / DEFAULT_RATE_HZ
     names = tuple(frames.path / f"frame {number}" for number in range(len(frames)))
     return Scan(names, times_s, load=lambda name: frames.read(int(name.name.split()[1])))

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from geovp_classic import files
-from geovp_classic.data.findings import RAISE, Findings, parse_numbers
+from geovp_classic.data.findings import RAISE, Findings, parse_numbers, words
 from geovp_classic.data.frames import image_frames
 from geovp_classic.data.frames.image_frames import FrameFiles, Load
 from geovp_classic.data.frames.undistortion import (
@@ -140,18 +140,17 @@ def nearest_poses(
     return with_missing[numbers]
 
 
-def read_list(
-    path: Path, folder: Path, findings: Findings, separator: str = " "
-) -> tuple[FloatArray, tuple[Path, ...]]:
+def read_list(path: Path, folder: Path, findings: Findings) -> tuple[FloatArray, tuple[Path, ...]]:
     """Read a list of times [N] and images in a folder, without its bad lines."""
 
     def parse_line(text: str) -> tuple[float, Path]:
-        time, _, name = map(str.strip, text.partition(separator))
-        numbers = parse_numbers([time], 1)
+        time, *rest = words(text, 1)
+        name = "".join(rest)
+        numbers = parse_numbers(time, 1)
         if not files.leads_inside(name) or not os.path.isfile(folder / name):
             raise BadData(
-                f"there is no file {name[:200]!r} in the folder, expected 'time{separator}file': "
-                "restore it or remove the line"
+                f"there is no file {name[:200]!r} in the folder, expected 'time file': restore it "
+                "or remove the line"
             )
         return numbers[0], folder / name
 

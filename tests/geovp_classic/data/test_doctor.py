@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from video_files import grey_levels, write_video
 
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.errors import BadData
@@ -131,6 +132,34 @@ def test_implausible_content_is_a_warning(kitti_root: Path, edit: Edit) -> None:
         kitti_root
     )
     assert Doctor().examine(kitti_root).is_sound
+
+
+def test_an_input_of_which_no_clip_can_be_cut_has_an_error(tmp_path: Path) -> None:
+    """One image, one frame of a video, and images of 16 bits, of which the first is named."""
+    image = np.full((24, 32, 3), 90, np.uint8)
+    message = "has no two images in a row: a clip needs 2 or more"
+    note = "note {0}: has no known camera"
+    for name in ("folder/a.png", "a.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / name), image)
+    write_video(tmp_path / "a.mp4", [image])
+    for name in ("folder", "a.png", "a.mp4"):
+        starts = (f"error {name}: {message}", note.format(name), f"note {name}: has no recorded")
+        findings = Doctor().examine(tmp_path / name).findings
+        lines = [f"{each.severity} {each.path.name}: {each.message}" for each in findings]
+        assert has(lines, *starts), name
+    deep = tmp_path / "deep"
+    deep.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(deep / f"{number}.png"), image.astype(np.uint16))
+    errors = [finding for finding in Doctor().examine(deep).findings if finding.severity == "error"]
+    assert [error.path.name for error in errors] == ["0.png"]
+
+
+def test_a_raw_stream_has_no_rate(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.h264", grey_levels(4), format="h264")
+    warnings = [finding for finding in Doctor().examine(path).findings if "rate" in finding.message]
+    assert [warning.severity for warning in warnings] == ["warning"]
 
 
 def test_damage_in_a_png_is_found_by_its_checksums(kitti_root: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from geovp_classic import api, registry
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.findings import RAISE
+from geovp_classic.data.formats import pose_files
 from geovp_classic.data.layouts import detection
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
@@ -248,10 +249,40 @@ def test_damaged_files_of_euroc_are_named(
 def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        cv2.imwrite(str(tmp_path / name / "0.png"), street.frames[0])
+        for number in range(2):
+            cv2.imwrite(str(tmp_path / name / f"{number}.png"), street.frames[number])
     examined = Doctor().examine(tmp_path)
-    assert [row["frames"] for row in examined.rows] == ["1", "1"]
+    assert [row["frames"] for row in examined.rows] == ["2", "2"]
     assert examined.is_sound
+
+
+@pytest.mark.parametrize("kept", [slice(6, 7), slice(0, 12, 2)])
+def test_poses_without_two_images_in_a_row_are_an_error(
+    kept: slice, tmp_path: Path, write_tum: Write, write_colmap: Write, street: Clip
+) -> None:
+    """One image has a pose, or each second one: no clip can be cut."""
+    tum = write_tum(tmp_path / "tum", "a", street) / "groundtruth.txt"
+    tum.write_text("".join(tum.read_text().splitlines(keepends=True)[kept]))
+    lost = set(range(12)) - set(range(12)[kept])
+    write_colmap(tmp_path / "colmap", "a", street, lost=sorted(lost))
+    for name in ("tum", "colmap"):
+        findings = Doctor().examine(tmp_path / name).findings
+        errors = [each.message for each in findings if each.severity == "error"]
+        assert len(errors) == 1
+        assert errors[0].startswith("has no two images in a row with poses"), name
+
+
+@pytest.mark.parametrize("separator", ["\t", ", ", ";"])
+def test_separators_of_text_files_are_alike(
+    separator: str, tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
+    folder = write_tum(tmp_path, "a", street)
+    for path in folder.glob("*.txt"):
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join(line.replace(" ", separator) for line in lines))
+    scan = Tum(tmp_path, **CUT, intrinsics=numbers_of(street)).scan(folder, RAISE)
+    assert len(scan.posed) == len(scan.depths) == 12
+    assert pose_files.has_times(folder / "groundtruth.txt")
 
 
 def test_nearest_times_within_a_difference() -> None:
