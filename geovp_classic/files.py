@@ -43,6 +43,7 @@ def checked(what: str, advice: str) -> Iterator[None]:
         yield
     except Exception as problem:
         reason = str(getattr(problem, "strerror", None) or problem).strip()
+        reason = re.sub(r"^\[\w+\.\w+:\d+\] ", "", reason)  # pycolmap's line of C++
         reason = reason.partition("\n")[0][:200] or type(problem).__name__
         raise BadData(f"{what} ({reason}): {advice}") from problem
 

@@ -32,6 +32,7 @@ MODELS = {
     "rational_polynomial": "FULL_OPENCV",
     "equidistant": "OPENCV_FISHEYE",
     "fisheye": "OPENCV_FISHEYE",
+    "fov": "FOV",
 }
 # settings of ORB-SLAM and of VINS (camodocal): distortion model, names of focal lengths and
 # principal point, names of coefficients
@@ -189,6 +190,8 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
             model = "fisheye"
     if None in stated_px and size_px is not None:
         stated_px = size_px
+    if model not in MODELS:
+        raise ValueError(f"its distortion_model is {model!r}, expected {', '.join(MODELS)}")
     fx, fy, cx, cy = map(float, numbers)
     width_px, height_px = (round(float(side_px)) for side_px in stated_px)
     view = Intrinsics(fx, fy, cx, cy, width_px, height_px)

@@ -52,6 +52,8 @@ class DistortedCamera:
         Its parameters are one or two focal lengths, the principal point, and the distortion; the
         centre of the top-left pixel is (0.5, 0.5).
         """
+        if not camera.focal_length_idxs():
+            raise ValueError(f"its model is {camera.model.name}, expected a pinhole or a fisheye")
         matrix = camera.calibration_matrix().tolist()
         (fx, _, cx), (_, fy, cy), _ = matrix
         size_px = camera.width, camera.height

@@ -166,36 +166,31 @@ class VideoFrames:
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
         is_avi = self._container.format.name == "avi"
         self._is_counted = is_raw or is_avi or None in whole or order != sorted(order)
+        self._keys = [] if self._is_counted else sorted(keys)
+
         self._restart()
         start, first = next(self._decoded, (0, None))
         if first is None:
             raise ValueError("no frame can be decoded")
         self._first = first
-        stamps = [first.pts]
+        last_key = self._keys[-1] if self._keys else start
+        self._seek(last_key)
+        decoded = {tick: frame.pts for tick, frame in self._decoded}
+        if last_key not in decoded:  # the index led to later frames
+            self._restart()
+            decoded = {tick: frame.pts for tick, frame in self._decoded}
         if self._is_counted:
-            keys = []
-            whole = [start]
-            for tick, frame in self._decoded:
-                whole.append(tick)
-                stamps.append(frame.pts)
-        self._keys = sorted(keys)
-        ticks = [tick for tick in whole if tick >= start]
-        if self._keys:
-            last_key = self._keys[-1]
-            self._seek(last_key)
-            decoded = {tick for tick, _ in self._decoded}
-            if last_key not in decoded:  # the index led to later frames
-                self._restart()
-                decoded = {tick for tick, _ in self._decoded}
-            ticks = [tick for tick in ticks if tick < last_key or tick in decoded]
+            whole = list(decoded)
+        ticks = [tick for tick in whole if start <= tick < last_key or tick in decoded]
         if not ticks:
             raise ValueError("no whole frame can be decoded")
         self._ticks: IntArray = np.unique(ticks)  # of frames with one time, a player shows one
-        unit_s = float(self._stream.time_base or 1)
+
+        stamps, unit_s = self._ticks.tolist(), float(self._stream.time_base or 1)
         if is_avi:
             unit_s = 1 / float(self._stream.average_rate or np.inf)
-        if is_avi or not self._is_counted:
-            stamps = self._ticks.tolist()
+        elif self._is_counted:
+            stamps = list(decoded.values())
         steps = np.diff(np.array(stamps, np.float64))
         is_step = steps > 0  # not across two recordings, or without a time
         usual = float(np.median(steps[is_step])) if is_step.any() else 0.0

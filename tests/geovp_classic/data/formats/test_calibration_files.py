@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -249,6 +250,20 @@ def test_deeply_nested_files_are_refused_at_once(text: str, tmp_path: Path) -> N
     assert time.monotonic() - start_s < 5
 
 
+PINHOLE = (
+    "distortion_model: {}\nD: {}\nK: [166, 0, 95.5, 0, 166, 71.5, 0, 0, 1]\n"
+    "image_width: 192\nimage_height: 144\n"
+)
+
+
+def test_kalibr_has_the_model_of_one_angle(tmp_path: Path) -> None:
+    """Devernay and Faugeras 2001: r' = atan(2 r tan(w / 2)) / w; atan(2 tan .45) / .9 = .8535."""
+    (tmp_path / "a.yaml").write_text(PINHOLE.format("fov", "[0.9]"))
+    camera = read_camera(tmp_path / "a.yaml", tmp_path, (192, 144))
+    pixel = camera.project(np.array([[1.0, 0.0, 1.0]]))[0]
+    np.testing.assert_allclose(pixel, [95.5 + 166 * 0.8535, 71.5], atol=0.02)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -267,6 +282,9 @@ def test_deeply_nested_files_are_refused_at_once(text: str, tmp_path: Path) -> N
             "2 different cameras",
         ),
         ("cameras.txt", "# nothing\n", "0 different cameras"),
+        ("a.txt", "1 EQUIRECTANGULAR 192 144 192 144", "its model is EQUIRECTANGULAR, expected"),
+        ("a.txt", "1 NOTHING 192 144 166", r"\(Invalid string value NOTHING"),
+        ("a.yaml", PINHOLE.format("thin_prism", "[0.1]"), "distortion_model is 'thin_prism', exp"),
     ],
 )
 def test_other_settings_are_refused(name: str, content: str, message: str, tmp_path: Path) -> None:
