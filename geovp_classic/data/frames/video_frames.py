@@ -103,7 +103,8 @@ class VideoFrames:
         if not 0 < self._stream.width * self._stream.height <= MAX_PIXELS:
             raise ValueError(f"its frames have {self._stream.width}x{self._stream.height} pixels")
         self._decoder = stream.codec_context
-        if self._decoder.name == "vp9":  # FFmpeg's own decoder does not notice damage
+        # FFmpeg's own decoder does not notice damage; libvpx is built without 10 and 12 bits
+        if self._decoder.name == "vp9" and self._decoder.profile in ("Profile 0", "Profile 1"):
             self._decoder = av.CodecContext.create("libvpx-vp9", "r")
             self._decoder.extradata = stream.codec_context.extradata
         self._decoder.thread_type = "AUTO"
