@@ -7,8 +7,8 @@ import logging
 import sys
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from contextlib import contextmanager, nullcontext
+from typing import Any, TextIO, TypeVar
 
 Item = TypeVar("Item")
 
@@ -39,38 +39,20 @@ def progress_bar(description: str, log_interval_s: float = 60.0) -> Iterator[Non
     """Show a progress bar with the current step on standard error.
 
     Where standard error is not a terminal, a line a minute is logged instead; with --quiet, nothing
-    is shown. The bar is drawn by the
-    calling thread alone: another thread could hold its lock when standard error breaks.
+    is shown. The bar is drawn by the calling thread alone: another thread could hold its lock when
+    standard error breaks.
     """
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0  # no thread of tqdm either
-    is_quiet = not logger.isEnabledFor(logging.WARNING)
-    with tqdm(
-        total=0,
-        desc=description,
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} "
-        "[{elapsed}<{remaining}{postfix}]",
-        file=sys.stderr,
-        delay=0.5,
-        disable=is_quiet or not sys.stderr.isatty(),
-    ) as bar:
-        # Reports are counts, announcements are steps.
+    is_drawn = sys.stderr.isatty() and logger.isEnabledFor(logging.WARNING)
+    with _bar(description) if is_drawn else nullcontext() as bar:
         logged_s = time.monotonic()
 
         def show(record: logging.LogRecord) -> bool:
             nonlocal logged_s
-            if record.args:
-                done, total = record.args
-                if not sys.stderr.isatty() and time.monotonic() - logged_s >= log_interval_s:
-                    logged_s = time.monotonic()
-                    logger.warning("%s: %s of %s", description, done, total)
-                if total != bar.total:
-                    bar.reset(total)
-                bar.update(done - bar.n)
-            else:
-                bar.set_postfix_str(record.msg, refresh=False)
-                bar.update(min(vars(record)["done"], max(0, bar.total - bar.n)))
+            if bar is not None:
+                _draw(bar, record)
+            elif record.args and time.monotonic() - logged_s >= log_interval_s:
+                logged_s = time.monotonic()
+                logger.warning("%s: %s of %s", description, *record.args)
             return True
 
         steps.addFilter(show)
@@ -78,4 +60,40 @@ def progress_bar(description: str, log_interval_s: float = 60.0) -> Iterator[Non
             yield
         finally:
             steps.removeFilter(show)
-            bar.set_postfix_str("", refresh=False)
+            if bar is not None:
+                bar.set_postfix_str("", refresh=False)
+
+
+def _bar(description: str) -> Any:
+    from tqdm import tqdm  # which a log does not need, and a tenth of the time of a table
+
+    tqdm.monitor_interval = 0  # no thread of tqdm
+    return tqdm(
+        total=0,
+        desc=description,
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} "
+        "[{elapsed}<{remaining}{postfix}]",
+        file=sys.stderr,
+        delay=0.5,
+    )
+
+
+def _draw(bar: Any, record: logging.LogRecord) -> None:
+    """Show a report, which is a count, or an announcement, which is a step."""
+    if record.args:
+        done, total = record.args
+        if total != bar.total:
+            bar.reset(total)
+        bar.update(done - bar.n)
+    else:
+        bar.set_postfix_str(record.msg, refresh=False)
+        bar.update(min(vars(record)["done"], max(0, bar.total - bar.n)))
+
+
+def print_line(line: str, file: TextIO) -> None:
+    """Print a line above the progress bar, if there is one."""
+    module = sys.modules.get("tqdm")  # loaded where a bar is drawn
+    if module:
+        module.tqdm.write(line, file=file)
+    else:
+        print(line, file=file)

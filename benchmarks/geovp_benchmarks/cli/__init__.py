@@ -19,7 +19,7 @@ from importlib import metadata
 from types import ModuleType
 from typing import Any, TextIO
 
-from geovp.progress import progress_bar
+from geovp.progress import print_line, progress_bar
 from geovp_benchmarks.cli.messages import logger, messages
 from geovp_benchmarks.cli.options import add_groups
 from geovp_classic.errors import GeovpError, install_command
@@ -146,8 +146,6 @@ def print_lines(args: argparse.Namespace) -> int:
 
     The command goes on if nobody reads them, such as after `| head -1`.
     """
-    from tqdm import tqdm
-
     with progress_bar(args.command):
         lines = args.run(args)
         while True:
@@ -156,7 +154,7 @@ def print_lines(args: argparse.Namespace) -> int:
             except StopIteration as end:
                 return end.value or 0
             try:
-                tqdm.write(line)  # above the bar
+                print_line(line, sys.stdout)
                 sys.stdout.flush()
             except BrokenPipeError:
                 flush_or_discard(sys.stdout)

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
+from geovp.progress import print_line
+
 logger = logging.getLogger(__name__)
 
 
@@ -15,10 +17,8 @@ class StandardError(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record; a closed or full stream does not end the command."""
-        from tqdm import tqdm  # loaded by then, but not for --help
-
         with suppress(OSError, ValueError):
-            tqdm.write(f"geovp: {self.format(record)}", file=sys.stderr)
+            print_line(f"geovp: {self.format(record)}", sys.stderr)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ import numpy as np
 from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
 from geovp_benchmarks.statistics.score import Score, sequences_of
 from geovp_benchmarks.statistics.student import student_p_value, student_quantile
-from geovp_classic.types import FloatArray, IntArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,19 @@ class Groups:
         return cls(order, np.array(lengths, np.int64), num_short)
 
     def centred(self, ordered: FloatArray) -> FloatArray:
-        """Return values [N] in the order of the groups less the mean of their group."""
+        """Return values [K, N] in the order of the groups less the mean of their group."""
         starts = np.cumsum(self.lengths) - self.lengths
-        means = np.add.reduceat(ordered, starts) / self.lengths
-        return ordered - np.repeat(means, self.lengths)
+        means = np.add.reduceat(ordered, starts, axis=1) / self.lengths
+        return ordered - np.repeat(means, self.lengths, axis=1)
 
     def autocovariance(self, off: FloatArray, max_lag: int) -> FloatArray:
-        """Return the mean products [L] of values 1 .. L clips apart in one group, by FFT."""
+        """Return the mean products [K, L] of values 1 .. L clips apart in one group, by FFT."""
+        num_rows, count = off.shape
         gaps = np.repeat(np.arange(len(self.lengths)) * max_lag, self.lengths)
-        size = 1 << (len(off) + len(self.lengths) * max_lag - 1).bit_length()
-        padded = np.zeros(size)
-        padded[np.arange(len(off)) + gaps] = off
-        sums = np.fft.irfft(np.abs(np.fft.rfft(padded)) ** 2, size)[1 : max_lag + 1]
+        size = 1 << (count + len(self.lengths) * max_lag - 1).bit_length()
+        padded = np.zeros((num_rows, size))
+        padded[:, np.arange(count) + gaps] = off
+        sums = np.fft.irfft(np.abs(np.fft.rfft(padded)) ** 2, size)[:, 1 : max_lag + 1]
         lags = np.arange(1, max_lag + 1)
         num_pairs = np.maximum(np.subtract.outer(self.lengths, lags), 0).sum(axis=0)
         return np.asarray(sums / num_pairs)
@@ -87,126 +88,181 @@ class BlockBootstrap:
         values: FloatArray,  # [N]; NaN is left out
         clips: Sequence[str],  # [N], in the order in which they were taken
         bounds: Bounds = UNBOUNDED,
+    ) -> Score:
+        """Return the mean and its interval; see `intervals`."""
+        return self.intervals(values[None], np.isfinite(values), clips, [bounds])[0]
+
+    def intervals(
+        self,
+        values: FloatArray,  # [K, N]: several scores at once take little more time
+        is_finite: BoolArray,  # [N], the same for all of them
+        clips: Sequence[str],  # [N], in the order in which they were taken
+        bounds: Sequence[Bounds],  # [K]
         *,
         has_ends: bool = True,
-    ) -> Score:
-        """Return the mean and its interval; without one for fewer than three values.
+    ) -> list[Score]:
+        """Return means and their intervals; without those for fewer than three values.
 
-        It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies
+        They are cut at `bounds`, the lowest and highest value that there can be: the true mean lies
         between them, so that the interval holds it as often as before. A test needs the p-value
         alone: without `has_ends`, low and high are NaN.
         """
-        is_finite = np.isfinite(values)
-        finite, sequences = values[is_finite], sequences_of(tuple(clips))[is_finite]
-        count = len(finite)
+        sequences = sequences_of(tuple(clips))[is_finite]
+        count = len(sequences)
         if count == 0:
-            return Score(math.nan, values=values)
+            return [Score(math.nan, values=row) for row in values]
         # Correlation of neighbours lowers the effective number of clips.
         groups = Groups.of(sequences, self.min_length)
-        mean, ordered = float(finite.mean()), finite[groups.order]
+        ordered = values[:, is_finite][:, groups.order]
+        means = ordered.mean(axis=1)
         tau, visible = self.autocorrelation_time(ordered, groups)
-        error = float(finite.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
         # Error of the mean from slow changes, and the ends of the interval from resampled blocks.
-        low = high = p_value = mean_error = degrees = math.nan
+        errors = mean_errors = degrees = np.full(len(values), math.nan)
+        ends = np.full((len(values), 2), math.nan)
+        if count > 1:
+            errors = ordered.std(axis=1, ddof=1) / np.sqrt(count)
         if count > 2:
-            mean_error, degrees = self.mean_error(ordered, groups, tau)
+            mean_errors, degrees = self.mean_error(ordered, groups, tau)
             if has_ends:
-                offsets = self.offsets(ordered, groups, visible, mean_error, degrees)
-                low, high = np.clip(mean + offsets, *bounds).tolist()
-            p_value = student_p_value(mean, mean_error, degrees)
-        return Score(
-            mean,
-            low,
-            high,
-            error,
-            count,
-            count / tau,
-            values,
-            p_value,
-            mean_error=mean_error,
-            degrees=degrees,
+                offsets = self.offsets(ordered, groups, visible, mean_errors, degrees)
+                ends = np.clip((means[:, None] + offsets).T, *np.transpose(bounds)).T
+        return [
+            Score(
+                mean,
+                low,
+                high,
+                error,
+                count,
+                count / tau_of_row,
+                row,
+                student_p_value(mean, mean_error, freedom) if count > 2 else math.nan,
+                mean_error=mean_error,
+                degrees=freedom,
+            )
+            for row, mean, (low, high), error, tau_of_row, mean_error, freedom in zip(
+                values,
+                means.tolist(),
+                ends.tolist(),
+                errors.tolist(),
+                tau.tolist(),
+                mean_errors.tolist(),
+                degrees.tolist(),
+                strict=True,
+            )
+        ]
+
+    def mean_error(
+        self, values: FloatArray, groups: Groups, tau: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the standard errors of the means [K] and their degrees of freedom."""
+        deviations = values.std(axis=1, ddof=1)
+        errors, degrees = self.standard_error(values, groups, tau)
+        # few slow cosines can be small by chance
+        least = self.min_error_ratio * deviations / math.sqrt(values.shape[1])
+        is_constant = deviations <= 1e-12 * np.abs(values.mean(axis=1))
+        return np.where(is_constant, 0.0, np.maximum(errors, least)), np.where(
+            is_constant, 1.0, degrees
         )
 
-    def mean_error(self, values: FloatArray, groups: Groups, tau: float) -> tuple[float, int]:
-        """Return the standard error of the mean and its degrees of freedom."""
-        deviation = float(values.std(ddof=1))
-        if deviation <= 1e-12 * abs(values.mean()):
-            return 0.0, 1
-        error, degrees = self.standard_error(values, groups, tau)
-        # few slow cosines can be small by chance
-        return max(error, self.min_error_ratio * deviation / math.sqrt(len(values))), degrees
-
     def offsets(
-        self, values: FloatArray, groups: Groups, visible: int, error: float, degrees: int
+        self,
+        values: FloatArray,
+        groups: Groups,
+        visible: IntArray,
+        errors: FloatArray,
+        degrees: FloatArray,
     ) -> FloatArray:
-        """Return both ends of the interval less the mean [2], for values in the groups' order."""
-        count, mean = len(values), values.mean()
-        if not error:
-            return np.zeros(2)
+        """Return both ends of the intervals less the means [K, 2], for values [K, N] in the groups'
+        order.
+        """
+        num_rows, count = values.shape
         tail = (1 + self.level) / 2
         normal = statistics.NormalDist().inv_cdf(tail)
-        quantiles, spread = np.array([-normal, normal]), 1.0
-        if count <= self.max_resampled:
-            lengths = tuple(groups.lengths.tolist())
-            draws = _draws(lengths, visible + 1, self.num_resamples, self.seed)
-            off = np.einsum("rn,n->r", draws, values) / count - mean  # without threads, unlike @
-            # np.quantile does the same in ten times the time
-            places = (len(off) - 1) * np.array([1 - tail, tail])
-            quantiles = np.interp(places, np.arange(len(off)), np.sort(off))
-            spread = off.std()
-        return np.asarray(student_quantile(degrees, tail) / normal * error / spread * quantiles)
+        quantiles = np.tile([-normal, normal], (num_rows, 1))
+        spread = np.ones(num_rows)
+        for lags in set(visible.tolist()) if count <= self.max_resampled else ():
+            rows = visible == lags
+            draws = _draws(tuple(groups.lengths.tolist()), lags + 1, self.num_resamples, self.seed)
+            means = np.einsum("rn,kn->kr", draws, values[rows]) / count  # no threads, unlike @
+            off = means - values[rows].mean(axis=1, keepdims=True)
+            # np.quantile does the same, but loads numpy.ma
+            places = (self.num_resamples - 1) * np.array([1 - tail, tail])
+            below = places.astype(int)
+            ordered = np.partition(off, [*below, *(below + 1)], axis=1)
+            rest = ordered[:, below + 1] - ordered[:, below]
+            quantiles[rows] = ordered[:, below] + (places - below) * rest
+            spread[rows] = off.std(axis=1)
+        students = np.array([student_quantile(freedom, tail) for freedom in degrees.tolist()])
+        # constant values have neither an error nor a spread
+        scale = students / normal * errors / np.where(errors > 0, spread, 1.0)
+        return np.asarray(scale[:, None] * quantiles)
 
-    def autocorrelation_time(self, values: FloatArray, groups: Groups) -> tuple[float, int]:
+    def autocorrelation_time(
+        self, values: FloatArray, groups: Groups
+    ) -> tuple[FloatArray, IntArray]:
         """Return tau, from 1 for independent values to N / min_effective, and the visible lags.
 
-        The values [N] are in the order of the groups; correlation is visible at that many lags.
+        The values [K, N] are in the order of the groups; correlation is visible at that many lags.
         """
-        off, count, num_groups = groups.centred(values), len(values), len(groups.lengths)
-        variance = float((off**2).mean())
+        num_rows, count = values.shape
+        num_groups = len(groups.lengths)
+        off = groups.centred(values)
+        variance = (off**2).mean(axis=1)
         max_lag = min(int(groups.lengths.max()) // 3, max(self.max_lag, 2 * count // num_groups))
-        if variance <= 1e-12 * float((values**2).mean()) or not max_lag:
-            return 1.0, 0
-        measured = groups.autocovariance(off, max_lag) / variance
-        tau, visible = 1.0, 0
+        is_constant = variance <= 1e-12 * (values**2).mean(axis=1)
+        tau, visible = np.ones(num_rows), np.zeros(num_rows, np.int64)
+        if not max_lag:
+            return tau, visible
+        divisor = np.where(is_constant, np.inf, variance)  # constant values are not correlated
+        measured = groups.autocovariance(off, max_lag) / divisor[:, None]
+        lags = np.arange(1, max_lag + 1)
         for _ in range(4):  # the means that were taken out lower all of them
-            lost = min(tau * num_groups / count, self.max_lost)
+            lost = np.minimum(tau * num_groups / count, self.max_lost)[:, None]
             correlation = np.minimum(measured + lost * (1 - measured), self.max_correlation)
-            hidden = np.flatnonzero(correlation <= self.min_visible / np.sqrt(count))
-            visible = int(hidden[0]) if len(hidden) else len(correlation)
-            if visible == 0:
-                return 1.0, 0
-            last = float(correlation[visible - 1])
-            decay = min(last ** (1 / visible), self.max_decay)
-            tau = 1 + 2 * (float(correlation[:visible].sum()) + last * decay / (1 - decay))
-            tau = float(np.clip(tau, 1, max(1, count / self.min_effective)))
+            is_hidden = correlation <= self.min_visible / np.sqrt(count)
+            first_hidden = np.where(is_hidden.any(axis=1), is_hidden.argmax(axis=1), max_lag)
+            visible = np.where(is_constant, 0, first_hidden)
+            is_visible = lags <= visible[:, None]
+            last = np.where(lags == visible[:, None], correlation, 0.0).sum(axis=1)
+            decay = np.minimum(last ** (1 / np.maximum(visible, 1)), self.max_decay)
+            tail = last * decay / (1 - decay)  # goes on geometrically
+            tau = 1 + 2 * (np.where(is_visible, correlation, 0.0).sum(axis=1) + tail)
+            tau = np.clip(tau, 1, max(1, count / self.min_effective))
         return tau, visible
 
-    def standard_error(self, values: FloatArray, groups: Groups, tau: float) -> tuple[float, int]:
-        """Return the standard error of the mean of dependent values, and its degrees of freedom.
+    def standard_error(
+        self, values: FloatArray, groups: Groups, tau: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the standard errors of means of dependent values, and their degrees of freedom.
 
         From the differences of the sequences' means and each sequence's slowest cosines; what a
         first-order autoregression of autocorrelation time `tau` has less of them than of the mean
-        is added. The values [N] are in the order of the groups.
+        is added. The values [K, N] are in the order of the groups.
         """
-        off, count, correlation = values - values.mean(), len(values), (tau - 1) / (tau + 1)
+        num_rows, count = values.shape
+        off = values - values.mean(axis=1, keepdims=True)
+        correlation = ((tau - 1) / (tau + 1))[:, None]
         num_long = count - groups.num_short
         long_lengths = groups.lengths[: len(groups.lengths) - (groups.num_short > 0)]
-        powers = float((off[num_long:] ** 2).sum())
-        expected, num = float(groups.num_short - 1), groups.num_short - 1
-        num_slow = max(self.min_slow, self.slow_fraction * count / tau)
+        powers = (off[:, num_long:] ** 2).sum(axis=1)
+        expected = np.full(num_rows, groups.num_short - 1.0)
+        num = expected.copy()
+        num_slow = np.maximum(self.min_slow, self.slow_fraction * count / tau)
         for length in sorted(set(long_lengths.tolist())):  # sequences of one length at a time
             is_of_length = np.repeat(long_lengths == length, long_lengths)
-            sequences = off[:num_long][is_of_length].reshape(-1, length)
-            slow = min(round(num_slow * length / count), length - 1)
-            angles_rad = np.pi * np.arange(slow + 1) / length
-            ratios = (1 - correlation) ** 2
-            ratios = ratios / (1 - 2 * correlation * np.cos(angles_rad) + correlation**2)
-            mirrored = np.concatenate([sequences, sequences[:, ::-1]], axis=1)
-            cosines = np.abs(np.fft.rfft(mirrored)[:, : slow + 1]) ** 2 / (2 * length)
-            powers += float(cosines.sum() - cosines[:, 0].sum() / 2)  # orthonormal DCT-II, squared
-            expected += len(sequences) * float(ratios.sum())
-            num += len(sequences) * (slow + 1)
-        return float(np.sqrt(powers / expected / count)), num
+            sequences = off[:, :num_long][:, is_of_length].reshape(num_rows, -1, length)
+            slow = np.minimum(np.round(num_slow * length / count), length - 1)
+            orders = np.arange(int(slow.max()) + 1)  # of the cosines
+            is_slow = orders <= slow[:, None]
+            ratios = 1 - 2 * correlation * np.cos(np.pi * orders / length) + correlation**2
+            ratios = np.where(is_slow, (1 - correlation) ** 2 / ratios, 0.0)
+            mirrored = np.concatenate([sequences, sequences[..., ::-1]], axis=2)
+            cosines = np.abs(np.fft.rfft(mirrored)[..., : len(orders)]) ** 2 / (2 * length)
+            cosines[..., 0] /= 2  # orthonormal DCT-II, squared
+            powers += np.where(is_slow, cosines.sum(axis=1), 0.0).sum(axis=1)
+            expected += sequences.shape[1] * ratios.sum(axis=1)
+            num += sequences.shape[1] * (slow + 1)
+        return np.sqrt(powers / expected / count), num
 
 
 @functools.lru_cache(maxsize=16)

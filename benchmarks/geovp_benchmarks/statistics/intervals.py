@@ -18,7 +18,7 @@ from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.score import Score, sequences_of
 from geovp_benchmarks.statistics.student import student_p_value, student_quantile
-from geovp_classic.types import FloatArray
+from geovp_classic.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,42 @@ class Intervals:
         values: FloatArray,  # [N]; NaN is left out
         clips: Sequence[str],  # [N], in the order in which they were taken
         bounds: Bounds = UNBOUNDED,
-        *,
-        has_ends: bool = True,  # else the p-value alone, which takes half the time
     ) -> Score:
         """Return the mean over clips with its interval and the p-value of a mean of zero."""
+        return self.intervals(values[None], clips, [bounds])[0]
+
+    def intervals(
+        self,
+        values: FloatArray,  # [K, N], of several scores
+        clips: Sequence[str],
+        bounds: Sequence[Bounds],  # [K]
+        *,
+        has_ends: bool = True,
+    ) -> list[Score]:
+        """Return the mean of each row as `interval` does."""
         is_finite = np.isfinite(values)
-        finite, drives = values[is_finite], sequences_of(tuple(clips))[is_finite]
+        rows_of: dict[bytes, list[int]] = {}  # by the clips that have a value
+        for number, row in enumerate(is_finite):
+            rows_of.setdefault(row.tobytes(), []).append(number)
+        scores: dict[int, Score] = {}
+        for rows in rows_of.values():
+            of_clips, of_rows = is_finite[rows[0]], [bounds[number] for number in rows]
+            drives = sequences_of(tuple(clips))[of_clips]
+            if np.count_nonzero(np.bincount(drives)) < self.min_drives:
+                means = self.bootstrap.intervals(
+                    values[rows], of_clips, clips, of_rows, has_ends=has_ends
+                )
+            else:
+                means = [
+                    self._over_drives(values[number], drives, bounds[number]) for number in rows
+                ]
+            scores |= zip(rows, means, strict=True)
+        return [scores[number] for number in range(len(values))]
+
+    def _over_drives(self, values: FloatArray, drives: IntArray, bounds: Bounds) -> Score:
+        """Return the interval of values by the drive of each that is finite."""
+        finite = values[np.isfinite(values)]
         counts, sums = np.bincount(drives), np.bincount(drives, finite)
-        num_drives = np.count_nonzero(counts)
-        if num_drives < self.min_drives:
-            return self.bootstrap.interval(values, clips, bounds, has_ends=has_ends)
         means, weights = sums[counts > 0] / counts[counts > 0], counts[counts > 0] / len(finite)
         mean = float(finite.mean())  # of the drives' means by their lengths
         squares = float((weights**2).sum())
@@ -58,7 +84,7 @@ class Intervals:
             high,
             float(finite.std(ddof=1)) / math.sqrt(len(finite)),
             len(finite),
-            float(num_drives),
+            float(len(means)),
             values,
             student_p_value(mean, error, degrees),
             is_over_drives=True,
@@ -82,12 +108,25 @@ class Intervals:
         reference: Score,
         clips: Sequence[str],
         bounds: Bounds = UNBOUNDED,
-        *,
-        has_ends: bool = True,
     ) -> Score:
         """Return the paired difference of a method from another; both may have training seeds."""
-        gaps = score.values - reference.values
-        gap = self.interval(gaps, clips, bounds, has_ends=has_ends)
+        gap = self.interval(score.values - reference.values, clips, bounds)
+        return self._over_seeds_of(score, reference, gap, bounds)
+
+    def differences(
+        self, pairs: Sequence[tuple[Score, Score]], clips: Sequence[str]
+    ) -> list[Score]:
+        """Return paired differences with their p-values, without the ends of intervals."""
+        if not pairs:
+            return []
+        values = np.array([score.values - reference.values for score, reference in pairs])
+        gaps = self.intervals(values, clips, [UNBOUNDED] * len(pairs), has_ends=False)
+        return [
+            self._over_seeds_of(*pair, gap, UNBOUNDED)
+            for pair, gap in zip(pairs, gaps, strict=True)
+        ]
+
+    def _over_seeds_of(self, score: Score, reference: Score, gap: Score, bounds: Bounds) -> Score:
         pairs = ((score.seeds, reference.values), (reference.seeds, score.values))
         means = [nanmean(seeds - values, axis=1) for seeds, values in pairs if len(seeds)]
         return self.widened(gap, bounds, *means)

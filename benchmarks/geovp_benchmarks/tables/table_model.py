@@ -90,10 +90,12 @@ def best(
     A method without such a rival is not in bold, nor is one where there are too few clips to tell.
     """
     bold = set()
-    for column in columns:
+    for column in (column for column in columns if column.higher_is_better is not None):
         key, sign = column.key, 1.0 if column.higher_is_better else -1.0
         scored = [row for row in rows if len(clips) == row.num_clips and key in row.scores]
-        for row in scored if column.higher_is_better is not None else ():
+        tested: list[tuple[Row, list[Score]]] = []  # rows and the rivals with better means
+        for row in scored:
+            score = row.scores[key]
             rivals = [
                 rival.scores[key]
                 for rival in scored
@@ -101,21 +103,16 @@ def best(
                 and set(rival.marks) <= set(row.marks)
                 and rival.is_oracle_selected == row.is_oracle_selected
             ]
-            if rivals and not _is_beaten(row.scores[key], rivals, sign, clips):
+            better = [rival for rival in rivals if sign * rival.mean > sign * score.mean]
+            has_few_clips = any(each.has_few_clips for each in (score, *better))
+            # a positive error is worse than none, which needs no test
+            is_beaten = sign < 0 and any(rival.is_exact for rival in better)
+            if rivals and not has_few_clips and not is_beaten:
+                tested.append((row, better))
+        # Nobody is better with p < .05 after Holm's procedure over the better means.
+        pairs = [(rival, row.scores[key]) for row, better in tested for rival in better]
+        gaps = iter(Intervals().differences(pairs, clips))
+        for row, better in tested:
+            if not any(holm([next(gaps) for _ in better])):
                 bold.add((row.label, key))
     return bold
-
-
-def _is_beaten(score: Score, rivals: Sequence[Score], sign: float, clips: Sequence[str]) -> bool:
-    """Return whether a rival is better, p < .05 after Holm's procedure over the better means.
-
-    Too few effective clips count as beaten. `sign` is -1 where a lower value is better.
-    """
-    better = [rival for rival in rivals if sign * rival.mean > sign * score.mean]
-    better.sort(key=lambda rival: sign * rival.mean, reverse=True)
-    if any(tested.has_few_clips for tested in (score, *better)):
-        return True
-    if sign < 0 and any(rival.is_exact for rival in better):
-        return True  # a positive error is worse than none, which needs no test
-    gaps = [Intervals().difference(rival, score, clips, has_ends=False) for rival in better]
-    return any(holm(gaps))

@@ -211,13 +211,15 @@ def method_scores(
     # Of samples the mean, and the best one by the real future.
     lines = []
     for suffix, reduce in reductions(method.num_samples).items():
-        scores = dict(of_sets)
+        by_clip = {}
         for key, values in columns.items():
-            facts = stored_facts.facts_of(key, protocol)
-            by_clip = reduce(values[..., None], facts.get("higher_is_better"))[:, 0]
-            if np.isfinite(by_clip).any():
-                bounds = stored_facts.bounds(facts)
-                scores[key] = Intervals().interval(by_clip, clips, bounds)
+            is_better = stored_facts.facts_of(key, protocol).get("higher_is_better")
+            of_key = reduce(values[..., None], is_better)[:, 0]
+            if np.isfinite(of_key).any():
+                by_clip[key] = of_key
+        bounds = [stored_facts.bounds(stored_facts.facts_of(key, protocol)) for key in by_clip]
+        means = Intervals().intervals(np.array([*by_clip.values()]), clips, bounds)
+        scores = of_sets | dict(zip(by_clip, means, strict=True))
         lines.append(
             Row(
                 method.label + suffix,

@@ -16,7 +16,8 @@ def autocorrelation_time(values: FloatArray, *groups: FloatArray) -> tuple[float
     """Return tau and the visible lags of sequences of values."""
     whole = np.concatenate([values[np.asarray(group, int)] for group in groups])
     sequences = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
-    return BlockBootstrap().autocorrelation_time(whole, Groups.of(sequences, 3))
+    (tau,), (visible,) = BlockBootstrap().autocorrelation_time(whole[None], Groups.of(sequences, 3))
+    return tau, visible
 
 
 def clips(count: int) -> list[str]:
@@ -27,7 +28,10 @@ def clips(count: int) -> list[str]:
 def standard_error(values: FloatArray, tau: float, is_apart: bool = False) -> tuple[float, int]:
     """Return the error and degrees of freedom of one sequence, or of clips that stand alone."""
     sequences = np.arange(len(values)) * is_apart
-    return BlockBootstrap().standard_error(values, Groups.of(sequences, 3), tau)
+    (error,), (degrees,) = BlockBootstrap().standard_error(
+        values[None], Groups.of(sequences, 3), np.array([tau])
+    )
+    return error, degrees
 
 
 @pytest.mark.parametrize(("correlation", "low", "high"), [(0.0, 0.93, 0.985), (0.5, 0.92, 0.98)])
