@@ -96,4 +96,4 @@ def print_line(line: str, file: TextIO) -> None:
     if module:
         module.tqdm.write(line, file=file)
     else:
-        print(line, file=file)
+        file.write(f"{line}\n")

@@ -230,3 +230,12 @@ def test_names_of_methods_are_explained_below_a_table(tmp_path: Path) -> None:
     for name, component in (("vo", spec), ("still", {"name": "still"})):
         write(results, name, {("x", 0, "psnr"): 1.0}, components={"predictor": component})
     assert "Methods: vo = chained (monocular (ground-plane))." in tables.build(results)[0].notes
+
+
+def test_files_follow_the_scores(results: Results) -> None:
+    """LaTeX is written again where the numbers changed."""
+    for psnr in (30.0, 31.0):
+        write(results, "still", {(clip, 0, "psnr"): psnr for clip in "xy"})
+        formats.write_all(results, tables.build(results))
+        for kind in ("md", "tex", "csv"):
+            assert str(psnr) in (results.tables / f"scores.{kind}").read_text()

@@ -117,7 +117,8 @@ class BlockBootstrap:
         means = ordered.mean(axis=1)
         tau, visible = self.autocorrelation_time(ordered, groups)
         # Error of the mean from slow changes, and the ends of the interval from resampled blocks.
-        errors = mean_errors = degrees = np.full(len(values), math.nan)
+        errors = mean_errors = np.full(len(values), math.nan)
+        degrees: FloatArray | IntArray = errors
         ends = np.full((len(values), 2), math.nan)
         if count > 1:
             errors = ordered.std(axis=1, ddof=1) / np.sqrt(count)
@@ -153,16 +154,15 @@ class BlockBootstrap:
 
     def mean_error(
         self, values: FloatArray, groups: Groups, tau: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, IntArray]:
         """Return the standard errors of the means [K] and their degrees of freedom."""
         deviations = values.std(axis=1, ddof=1)
         errors, degrees = self.standard_error(values, groups, tau)
         # few slow cosines can be small by chance
-        least = self.min_error_ratio * deviations / math.sqrt(values.shape[1])
+        min_errors = self.min_error_ratio * deviations / math.sqrt(values.shape[1])
         is_constant = deviations <= 1e-12 * np.abs(values.mean(axis=1))
-        return np.where(is_constant, 0.0, np.maximum(errors, least)), np.where(
-            is_constant, 1.0, degrees
-        )
+        errors = np.where(is_constant, 0.0, np.maximum(errors, min_errors))
+        return errors, np.where(is_constant, 1, degrees)
 
     def offsets(
         self,
@@ -170,7 +170,7 @@ class BlockBootstrap:
         groups: Groups,
         visible: IntArray,
         errors: FloatArray,
-        degrees: FloatArray,
+        degrees: IntArray,
     ) -> FloatArray:
         """Return both ends of the intervals less the means [K, 2], for values [K, N] in the groups'
         order.
@@ -232,7 +232,7 @@ class BlockBootstrap:
 
     def standard_error(
         self, values: FloatArray, groups: Groups, tau: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, IntArray]:
         """Return the standard errors of means of dependent values, and their degrees of freedom.
 
         From the differences of the sequences' means and each sequence's slowest cosines; what a
@@ -246,12 +246,12 @@ class BlockBootstrap:
         long_lengths = groups.lengths[: len(groups.lengths) - (groups.num_short > 0)]
         powers = (off[:, num_long:] ** 2).sum(axis=1)
         expected = np.full(num_rows, groups.num_short - 1.0)
-        num = expected.copy()
+        num = np.full(num_rows, groups.num_short - 1)
         num_slow = np.maximum(self.min_slow, self.slow_fraction * count / tau)
         for length in sorted(set(long_lengths.tolist())):  # sequences of one length at a time
             is_of_length = np.repeat(long_lengths == length, long_lengths)
             sequences = off[:, :num_long][:, is_of_length].reshape(num_rows, -1, length)
-            slow = np.minimum(np.round(num_slow * length / count), length - 1)
+            slow = np.minimum(np.round(num_slow * length / count).astype(int), length - 1)
             orders = np.arange(int(slow.max()) + 1)  # of the cosines
             is_slow = orders <= slow[:, None]
             ratios = 1 - 2 * correlation * np.cos(np.pi * orders / length) + correlation**2

@@ -4,25 +4,31 @@ LaTeX needs the packages booktabs and graphicx; a table is never wider than a co
 """
 
 import csv
+import functools
 import io
 import math
 import textwrap
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.tables.table_model import Table
-from geovp_benchmarks.tables.templates import template
 from geovp_classic.atomic import write_bytes
 
 
 def write_all(results: Results, tables: Sequence[Table]) -> None:
     """Write tables in all formats into a results folder."""
     for table in tables:
-        texts = {"md": markdown(table), "tex": latex(table), "csv": comma_separated(table)}
-        for ending, text in texts.items():
-            write_bytes(results.tables / f"{table.name}.{ending}", text.encode())
+        paths = {kind: results.tables / f"{table.name}.{kind}" for kind in ("md", "tex", "csv")}
+        write_bytes(paths["csv"], comma_separated(table).encode())
+        # LaTeX shows the same digits as Markdown, and takes as long as all the rest.
+        text = markdown(table).encode()
+        is_written = all(paths[kind].exists() for kind in ("md", "tex"))
+        if not is_written or paths["md"].read_bytes() != text:
+            write_bytes(paths["tex"], latex(table).encode())
+            write_bytes(paths["md"], text)
 
 
 def markdown(table: Table, width: int | None = None) -> str:
@@ -70,13 +76,30 @@ def latex(table: Table, caption: str = "", label: str = "", max_columns: int = 5
     By default the caption is the table's title, and the label follows from its name. An interval
     stands below its mean. LaTeX shrinks whatever is wider than a line of the text.
     """
-    return template("table.tex").render(
+    return _template().render(
         table=table,
         escape=escape,
         caption=caption or escape(f"{table.title}."),
         label=label or f"tab:{table.name}",
         num_floats=max(1, -(-len(table.columns) // max_columns)),
     )
+
+
+@functools.cache
+def _template() -> Any:
+    """Return the template of a table, in which braces are those of LaTeX."""
+    import jinja2  # whose import takes as long as a query of all scores
+
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        block_start_string="<%",
+        block_end_string="%>",
+        variable_start_string="<<",
+        variable_end_string=">>",
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return templates.get_template("table.tex")
 
 
 def escape(text: str) -> str:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks.results import stored_facts
-from geovp_benchmarks.results.provenance import weights_notes
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, FEATURES, UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.intervals import Intervals, holm
 from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
 from geovp_benchmarks.statistics.score import Score
+from geovp_benchmarks.tables.notes import notes_of
 from geovp_benchmarks.tables.table_model import (
     Column,
     Row,
@@ -22,7 +22,6 @@ from geovp_benchmarks.tables.table_model import (
     best,
     selected_columns,
 )
-from geovp_benchmarks.tables.templates import template
 from geovp_classic.errors import BadData, nearest
 from geovp_classic.metrics.frechet import frechet_distances
 from geovp_classic.types import BoolArray
@@ -304,14 +303,4 @@ def explained(
     table: Table, results: Results, notes: Sequence[str] = (), *, strict: bool = False
 ) -> Table:
     """Return the table with notes on its numbers, and on the methods."""
-    text = template("notes.txt").render(
-        table=table,
-        results=results,
-        notes=notes,
-        strict=strict,
-        metrics={stored_facts.metric_of(column.key) for column in table.columns},
-        clips="".join(map(table.clips, table.rows)),
-        stored_facts=stored_facts,
-        weights_notes=weights_notes,
-    )
-    return replace(table, notes=text.splitlines())
+    return replace(table, notes=notes_of(table, results, notes, strict=strict))
