@@ -108,13 +108,6 @@ def test_a_value_of_another_kind_is_refused_with_its_key(
         method(tmp_path, **changed)
 
 
-def test_a_missing_key_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "method.json"
-    path.write_bytes(files.json_bytes({key: METHOD[key] for key in METHOD if key != "kind"}))
-    with pytest.raises(BadData, match=r"method\.json: kind is missing"):
-        records.read(path, records.Method, name="x")
-
-
 @pytest.mark.parametrize(
     "changed",
     [

@@ -9,41 +9,6 @@ from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, published
 from tests.benchmarks.made import write_protocol, write_row
 
-# label: (samples, PSNR of the first sample)
-METHODS = {
-    "copy-last": (1, 14.0),
-    "gt-3d": (1, 13.0),
-    "gt-2d": (1, 12.5),
-    "vo": (1, 17.0),
-    "ours": (1, 11.0),
-    "svg-100": (4, 12.0),
-    "svg-1": (1, 12.0),
-}
-
-
-@pytest.fixture
-def results(tmp_path: Path) -> Results:
-    """Two clips; each sample has 1 dB more than the one before it, and an LPIPS of a hundredth of
-    its PSNR.
-    """
-    results = Results(tmp_path / "thesis")
-    facts = {"role": "frame", "unavailable": None, "definition": "per frame"}
-    metrics = {
-        name: {**facts, "higher_is_better": name != "lpips"} for name in ("psnr", "ssim", "lpips")
-    }
-    write_protocol(results, [*METHODS, "slamp-1"], "xy", metrics=metrics)
-    for name, (samples, psnr) in METHODS.items():
-        lines = [
-            (clip, sample, 1, metric, (psnr + sample + offset) * scale)
-            for clip, offset in (("x", 0.0), ("y", 0.5))
-            for sample in range(samples)
-            for metric, scale in (("psnr", 1.0), ("lpips", 0.01))
-        ]
-        inputs = ["CAMERA_HEIGHT"] if name == "vo" else []
-        write_row(results, name, lines, num_samples=samples, privileged_inputs=inputs)
-    write_row(results, "slamp-1", fingerprint="", status="skipped", reason="no weights")
-    return results
-
 
 def rows_of(text: str) -> list[list[str]]:
     lines = [line for line in text.splitlines() if line.startswith("|")]

@@ -7,19 +7,16 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-import street
 
 from geovp_benchmarks.checks.contracts import Finding, check
 from geovp_classic import registry
-from geovp_classic.depth.given import Given
-from geovp_classic.errors import Incompatible, UnknownComponent
+from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
-from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.renderers.ground_far_plane import GroundFarPlane
 from geovp_classic.types import (
     Context,
@@ -241,22 +238,3 @@ def test_refusing_a_clip_keeps_the_promise() -> None:
     finding = findings_of("odometries", Fragile(error=Incompatible))[STATIONARY]
     assert finding.passed
     assert finding.detail == "refuses: no parallax"
-
-
-def test_an_unknown_role_is_answered_with_the_nearest() -> None:
-    with pytest.raises(UnknownComponent, match="did you mean 'renderers'"):
-        check("renderer", GroundFarPlane())
-
-
-def test_the_depths_and_poses_of_the_street_match_its_frames() -> None:
-    """Rendering the first frame from the other poses reproduces the other frames."""
-    clip = street.clip()
-    context, target = clip.split(1, ~PrivilegedInput.NONE)
-    scene = DepthFusion(Given(), exposure=None).reconstruct(context, clip.trajectory[:1])
-    views = scene.view(target.trajectory.world_from_cam, clip.times_s[1:], clip.intrinsics)
-    near = views.covered & (clip.depths[1:] < 15)
-    error = np.abs(views.frames.astype(float) - target.frames)[near]
-    assert near.mean() > 0.2
-    assert np.median(error) < 4
-    still = street.clip(step_m=0.0)
-    assert (still.frames == still.frames[0]).all()

@@ -45,10 +45,3 @@ def test_the_drives_of_a_protocol_are_named(
         (date / f"2011_09_26_drive_{number:04d}_sync").mkdir()
     (date / "calib_cam_to_cam.txt").touch()
     assert cli.main(["doctor", str(tmp_path), "--protocol", "fvs20"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("protocol", "code"), [("thesis", 1), ("synsin20", 1), ("svg18", 2), ("fvs20-cityscapes", 2)]
-)
-def test_protocols_on_an_empty_folder(tmp_path: Path, protocol: str, code: int) -> None:
-    assert cli.main(["doctor", str(tmp_path), "--protocol", protocol]) == code

@@ -119,11 +119,6 @@ def test_an_unavailable_metric_is_named(
     assert "lpips is unavailable: " in refused("budget", matrix_file, "--limit", "1")
 
 
-def test_the_method_must_have_a_renderer(matrix_file: Path, refused: Says) -> None:
-    assert "past + fusion" in refused("budget", matrix_file, "--method", "past + fusoin")
-    assert "pose source" in refused("budget", matrix_file, "--method", "copy-last")
-
-
 @pytest.mark.parametrize(
     ("label", "axis", "expected"),
     [

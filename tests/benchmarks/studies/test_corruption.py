@@ -49,13 +49,6 @@ def test_a_stationary_camera_has_stationary_poses(clip: Clip) -> None:
     assert gains_db(clip, CORRUPTIONS["stationary"], 0, METHODS) == [0]
 
 
-def test_a_black_frame_costs_fusion_little(clip: Clip) -> None:
-    black, clean = (
-        gains_db(clip, CORRUPTIONS[name], 0, METHODS) for name in ("black frames", "none")
-    )
-    assert black > clean - 0.5
-
-
 def test_the_command_prints_a_table(tmp_path: Path, printed: Says) -> None:
     spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
     write_kitti(tmp_path, "03", registry.build("datasets", spec)[0])

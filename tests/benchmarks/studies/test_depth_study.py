@@ -60,13 +60,6 @@ def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
     np.testing.assert_allclose([u.mean(), v.mean()], [59.5, 39.5])
 
 
-def test_the_command_measures_the_synthetic_street(printed: Says) -> None:
-    lines = printed("study", "depth", "1").splitlines()
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
-    errors = {pixels: float(error) for pixels, _, error, *_ in cells}
-    assert errors["static"] < 0.25
-
-
 def test_recorded_depth_has_no_error(printed: Says) -> None:
     *_, static = (printed("study", "depth", "1", "--source", "given").splitlines())[:3]
     assert static.split()[1:6:2] == ["static", "1", "0.000"]
