@@ -136,20 +136,6 @@ class TestDrawing:
         assert (dimmed[10:] == 100).all()
         assert (drawing.draw_view(view, is_dimming=False) == 100).all()
 
-    def test_moving_regions_have_an_outline_on_request(self) -> None:
-        moving = np.zeros(FRAME.shape[:2], bool)
-        moving[20:40, 30:60] = True
-        empty = np.zeros((0, 2)), np.zeros((2, 0, 2))
-        covered = np.ones(FRAME.shape[:2], bool)
-        view = LiveView(FRAME, covered, 1.0, None, 0.0, *empty, moving=moving)
-        marked = drawing.draw_view(view, is_dimming=False, is_marking=True)
-        is_marked = (marked != 100).any(axis=-1)
-        assert is_marked[20, 30:60].all()
-        assert is_marked[20:40, 59].all()
-        assert not is_marked[24:36, 34:56].any()
-        assert not is_marked[:17].any()
-        assert (drawing.draw_view(view, is_dimming=False) == 100).all()
-
 
 class TestSession:
     def test_the_present_is_predicted_better_than_the_late_image(self) -> None:

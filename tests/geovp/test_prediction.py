@@ -64,10 +64,8 @@ def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
     assert model.compute_mean_track_length() > 2
 
 
-def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the model's points that lie in an image of it: pixels [N, 2], depths [N] and colours [N,
-    3].
-    """
+def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray]:
+    """Of the model's points that lie in an image of it: pixels [N, 2] and colours [N, 3]."""
     model = pycolmap.Reconstruction(str(written / "colmap" / "sparse" / "0"))
     (image,) = (entry for entry in model.images.values() if entry.name == name)
     points = np.stack([point.xyz for point in model.points3D.values()])
@@ -78,12 +76,12 @@ def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatAr
     fx, fy, cx, cy = image.camera.params
     pixels = points_cam[:, :2] / points_cam[:, 2:] * [fx, fy] + [cx - 0.5, cy - 0.5]
     inside = (points_cam[:, 2] > 0) & (pixels > 0).all(axis=1) & (pixels < 95).all(axis=1)
-    return pixels[inside], points_cam[inside, 2], colours[inside].astype(float)
+    return pixels[inside], colours[inside].astype(float)
 
 
 @pytest.mark.parametrize("name", ["seen/000007.png", "frames/000008.png"])
 def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, name: str) -> None:
-    pixels, _, colours = projected(written, Path(name).name)
+    pixels, colours = projected(written, Path(name).name)
     frame = cv2.imread(str(written / name))[..., ::-1].astype(float)
     u, v = np.rint(pixels).astype(int).T
     off = np.abs(frame[v, u] - colours).mean(axis=1)
@@ -91,15 +89,6 @@ def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, 
     assert len(off) > 1000
     assert np.median(off) < 6
     assert np.median(off) < 0.25 * np.median(shuffled)
-
-
-def test_the_cloud_lies_where_depth_maps_and_poses_put_it(written: Path) -> None:
-    pixels, depths, _ = projected(written, "000008.png")
-    scale = float((written / "depths" / "scale.txt").read_text().split("/")[1].split(",")[0])
-    depth = cv2.imread(str(written / "depths" / "000008.png"), cv2.IMREAD_UNCHANGED) / scale
-    u, v = np.rint(pixels).astype(int).T
-    known = (depth[v, u] > 0) & (depth[v, u] < 65535 / scale)
-    assert np.median(np.abs(depths / depth[v, u] - 1)[known]) < 0.02
 
 
 def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
