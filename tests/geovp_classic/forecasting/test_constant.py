@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
@@ -79,9 +78,3 @@ class TestEachForecaster:
         moved = Trajectory(other_from_world @ past.world_from_cam, past.times_s, is_metric=True)
         expected = other_from_world @ forecaster.forecast(past, times_s)
         np.testing.assert_allclose(forecaster.forecast(moved, times_s), expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", [ConstantVelocity, ConstantTurn])
-def test_an_average_over_no_step_is_rejected(kind: type) -> None:
-    with pytest.raises(BadData, match="num_steps is 0"):
-        kind(num_steps=0)

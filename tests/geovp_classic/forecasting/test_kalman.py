@@ -5,8 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geovp_classic import registry
-from geovp_classic.errors import GeovpError
 from geovp_classic.forecasting.interacting import Interacting
 from geovp_classic.forecasting.kalman import (
     AccelerationKalman,
@@ -110,11 +108,6 @@ def test_futures_are_finite_and_rigid(
     assert futures.shape == (2, len(times_s), 4, 4)
     for sample in futures:
         Trajectory(sample, times_s, is_metric)  # rejects what is not finite and rigid
-
-
-def test_unknown_constants_are_rejected() -> None:
-    with pytest.raises(GeovpError, match="acceleration-damped"):
-        registry.build("forecasters", {"name": "turn-rate-kalman", "constants": "fast"})
 
 
 @pytest.mark.parametrize("forecaster", [TurnRateKalman(), TurnRateUnscented()])

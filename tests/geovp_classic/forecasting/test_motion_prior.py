@@ -1,6 +1,5 @@
 """The motion prior on motions with a known continuation, and on random ones."""
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -144,11 +143,6 @@ def test_a_file_without_a_prior_is_rejected(tmp_path: Path) -> None:
     past = drive(5.0, 0.0, 4)
     with pytest.raises(BadData, match="holds no motion prior"):
         MotionPrior(coefficients=path).forecast(past, ahead_of(past))
-
-
-def test_the_packaged_coefficients_name_their_licence() -> None:
-    with np.load(str(resources.files("geovp_classic.poses") / "motion_prior.npz")) as arrays:
-        assert "CC BY-NC-SA 3.0" in str(arrays["licence"])
 
 
 def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:

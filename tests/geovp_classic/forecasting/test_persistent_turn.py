@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn
 from geovp_classic.forecasting.persistent_turn import PersistentTurn
 from geovp_classic.geometry import se3
@@ -83,8 +82,3 @@ def test_the_world_frame_and_the_unit_do_not_matter() -> None:
     larger = PersistentTurn().forecast(Trajectory(larger_poses, past.times_s, False), TIMES_S)
     ahead = PersistentTurn().forecast(past, TIMES_S)
     np.testing.assert_allclose(larger[..., :3, 3], 7 * ahead[..., :3, 3], rtol=1e-4, atol=1e-4)
-
-
-def test_settings_without_weight_are_rejected() -> None:
-    with pytest.raises(BadData, match="half_life_s 0"):
-        PersistentTurn(half_life_s=0.0)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.representative import ImageDistance, Representative
@@ -75,13 +74,6 @@ def test_distances_are_angles_in_the_image() -> None:
     aside[..., 0, 3] = 0.02 * ImageDistance().depth_m
     for futures in (turned, aside):
         assert distance(still, futures)[0, 0] == pytest.approx(0.02)
-
-
-def test_more_futures_than_draws_are_rejected() -> None:
-    with pytest.raises(BadData, match="set num_draws higher"):
-        Representative(num_draws=4).forecast(circle(), TIMES_S, 5)
-    with pytest.raises(BadData, match="num_draws is 1"):
-        Representative(num_draws=1)
 
 
 def test_the_unit_of_the_past_does_not_matter() -> None:

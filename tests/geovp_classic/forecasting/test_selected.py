@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.persistent_turn import PersistentTurn
@@ -129,10 +128,3 @@ def test_a_scene_depth_weighs_translation_against_rotation() -> None:
     near = Selected().hindcast_error(Hold(), whole, scene_depth=10.0)
     far = Selected().hindcast_error(Hold(), whole, scene_depth=1e6)
     assert far < 0.5 * near
-
-
-def test_missing_candidates_are_rejected() -> None:
-    with pytest.raises(BadData, match="candidates is empty"):
-        Selected(candidates=())
-    with pytest.raises(BadData, match="num_cuts 0"):
-        Selected(num_cuts=0)

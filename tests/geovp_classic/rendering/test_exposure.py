@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from geovp_classic.errors import BadData
 from geovp_classic.rendering.exposure import (
     ExposedScene,
     Exposure,
@@ -180,8 +179,3 @@ def test_black_images_stay_black_and_gains_are_bounded() -> None:
     scene = ExposedScene(UniformScene(0), source, lively, ExposureControl(), 0.0, is_whole=True)
     assert not scene.view(np.eye(4)[None], np.array([0.1]), CAMERA).frames.any()
     assert log_gains(lively, 1, 1, np.log(200)).max() == ExposureControl().max_log_gain
-
-
-def test_a_control_without_inertia_is_refused() -> None:
-    with pytest.raises(BadData, match="must be positive"):
-        ExposureControl(inertia_s=0)

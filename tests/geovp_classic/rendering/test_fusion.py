@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.depth_fusion import DepthFusion
@@ -117,9 +116,3 @@ def test_narrow_gaps_are_closed_from_both_sides(gap_px: int, is_closed: bool) ->
         index = np.where(depth > 0.2, 1, 2).astype(np.int32)
     np.testing.assert_array_equal(closed_depth, depth)
     np.testing.assert_array_equal(closed_index, index)
-
-
-@pytest.mark.parametrize("settings", [{"num_frames": 0}, {"max_depth_difference": 1.5}])
-def test_bad_settings_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(BadData, match=next(iter(settings))):
-        DepthFusion(Given(), **settings)

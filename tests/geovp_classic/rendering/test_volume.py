@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import BadData
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.volume_fusion import VolumeFusion
 from geovp_classic.rendering.volume import VolumeSettings, close_gaps
@@ -66,12 +65,3 @@ def test_gaps_in_a_column_become_the_plane_between() -> None:
     closed = close_gaps(column, 2)[:, 0]
     np.testing.assert_allclose(closed, [0.1, 0.2, 0.3, 0.4, np.nan, np.nan, np.nan, 0.8, np.nan])
     np.testing.assert_allclose(close_gaps(column, 3)[4:7, 0], [0.5, 0.6, 0.7])
-
-
-def test_bad_settings_are_refused() -> None:
-    with pytest.raises(BadData, match="num_frames"):
-        VolumeFusion(num_frames=0)
-    with pytest.raises(BadData, match="max_depth_difference"):
-        VolumeFusion(max_depth_difference=1.0)
-    with pytest.raises(BadData, match="reach"):
-        VolumeSettings(reach=6.5)
