@@ -238,13 +238,13 @@ def _text(size_px: Size) -> str:
 def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
-    The first image, or with `deep` every one, is decoded. Images that are not files are not
-    examined otherwise.
+    The first and the last image, or with `deep` every one, are decoded. Images that are not files
+    are not examined otherwise.
     """
     sizes_px: list[Size] = []
     for path in scan.images:
         with findings.catch(path):
-            must_decode = deep or path == scan.images[0]
+            must_decode = deep or path in (scan.images[0], scan.images[-1])
             if scan.load is None:
                 size_px = image_size(path, is_upright=scan.is_upright)
                 if must_decode:

@@ -98,14 +98,9 @@ class Bag:
             if info.msgtype in TYPES[kind] and info.msgcount
         )
         if kind == "image" and len(topics) > 1:  # a depth camera has both
-            return [topic for topic in topics if not self._is_depth(topic)] or topics
+            firsts = ((topic, next(self.messages(topic))) for topic in topics)
+            return [topic for topic, (_, message) in firsts if not has_depths(message)] or topics
         return topics
-
-    def _is_depth(self, topic: str) -> bool:
-        """Return whether the first image of a topic has depths, by its encoding or format."""
-        _, message = next(self.messages(topic))
-        about = str(getattr(message, "encoding", "") or getattr(message, "format", ""))
-        return "compressedDepth" in about or about.startswith(("16UC1", "32FC1"))
 
     def choose(self, kind: str, topic: str | None) -> str:
         """Return a named topic, else the only one of its kind, "" if there is none.
@@ -215,14 +210,20 @@ class BagImages:
         return decode(name, message, self._bits)
 
 
+def has_depths(message: Any) -> bool:
+    """Return whether an image has depths, by its encoding or format."""
+    about = str(getattr(message, "encoding", "") or getattr(message, "format", ""))
+    return "compressedDepth" in about or about.startswith(("16UC1", "32FC1"))
+
+
 def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
     """Return the RGB image [H, W, 3] of a message; `bits` as in `read_image`.
 
     BadData calls the image `name`.
     """
+    if has_depths(message):
+        raise BadData(f"{name} is of a depth topic: give the image_topic of a camera")
     if hasattr(message, "format"):  # CompressedImage, "encoding; codec compressed"
-        if "compressedDepth" in message.format:
-            raise BadData(f"{name} is of a depth topic: give the image_topic of a camera")
         image = image_frames.read_image(name, bits, message.data.tobytes())
         # a mosaic; image_transport names it, too, where it has demosaicked
         kind, _ = _encoding(message.format.partition(";")[0].strip())

@@ -135,7 +135,7 @@ def test_implausible_content_is_a_warning(kitti_root: Path, edit: Edit) -> None:
 
 
 def test_an_input_of_which_no_clip_can_be_cut_has_an_error(tmp_path: Path) -> None:
-    """One image, one frame of a video, and images of 16 bits, of which the first is named."""
+    """One image, one frame of a video, and images of 16 bits, of which the first and last are named."""
     image = np.full((24, 32, 3), 90, np.uint8)
     message = "has no two images in a row: a clip needs 2 or more"
     note = "note {0}: has no known camera"
@@ -153,7 +153,18 @@ def test_an_input_of_which_no_clip_can_be_cut_has_an_error(tmp_path: Path) -> No
     for number in range(3):
         cv2.imwrite(str(deep / f"{number}.png"), image.astype(np.uint16))
     errors = [finding for finding in Doctor().examine(deep).findings if finding.severity == "error"]
-    assert [error.path.name for error in errors] == ["0.png"]
+    assert [error.path.name for error in errors] == ["0.png", "2.png"]
+
+
+def test_a_change_of_size_is_found_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "a.h264"
+    content = b""
+    for size_px in ((64, 48), (32, 24)):
+        content += write_video(path, grey_levels(4, size_px=size_px), format="h264").read_bytes()
+    path.write_bytes(content)
+    errors = [each for each in Doctor().examine(path).findings if each.severity == "error"]
+    assert [error.path.name for error in errors] == ["frame 7"]
+    assert "frame 7 of 8 is damaged or has another size" in errors[0].message
 
 
 def test_a_raw_stream_has_no_rate(tmp_path: Path) -> None:

@@ -199,7 +199,7 @@ def edited(**fields: Any) -> Edit:
         (edited(k=np.zeros(9)), {}, "has no known camera: give intrinsics"),
         (edited(d=np.zeros(3)), {}, "is not a calibration"),
         (edited(width=500), {}, "is not an image|about images of"),
-        (edited(encoding="16UC1"), {}, "has the encoding '16UC1', expected rgb8, bgr8"),
+        (edited(encoding="32FC3"), {}, "the encoding '32FC3', expected 8 or 16 bits of rgb, bgr"),
         (edited(step=1, data=np.zeros(7, np.uint8)), {}, "is not an image"),
         (without("/cam/image_raw"), {}, "has no messages of type Image or CompressedImage"),
         (
@@ -281,6 +281,14 @@ def test_clips_end_at_a_gap_and_equal_stamps_count_once(tmp_path: Path) -> None:
     assert data.clip_names == ("run.bag/000000", "run.bag/000006")
     np.testing.assert_array_equal(data[0].frames, clip.frames[:4])
     assert data[1].times_s[0] == pytest.approx(START_NS / 1e9 + 4.6, abs=1e-6)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_depths_are_named(encoding: str) -> None:
+    values = np.zeros((12, 16, 1), "u2" if encoding == "16UC1" else "f4")
+    message = Messages(is_ros1=False).image(START_NS, values, encoding)
+    with pytest.raises(BadData, match="is of a depth topic: give the image_topic"):
+        bags.decode(Path("image"), message)
 
 
 def test_depth_topics_are_no_candidates(tmp_path: Path) -> None:
