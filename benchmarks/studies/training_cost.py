@@ -24,7 +24,7 @@ CONFIGS = (  # method and config, each with the settings of a paper
     ("svg", "svg-kitti"),
     ("srvp", "srvp-kitti"),
     ("slamp", "slamp-kitti"),
-    ("synsin", "synsin-published-thesis"),
+    ("synsin", "synsin-thesis"),
     ("deepvo", "deepvo-thesis"),
 )
 BYTES_PER_PARAMETER = 16  # in single precision: weight, gradient and Adam's two moments

@@ -82,7 +82,8 @@ class Pretrained:
         if "step" in history:
             planned, minutes = history["training"]["num_steps"], history["seconds"] / 60
             facts.append(f"{history['step']} of {planned} training steps, {minutes:.1f} minutes")
-        datasets = " and ".join(map(_dataset_note, history.get("train", [])))
+        pairs = [(table["name"], table.get("split", "")) for table in history.get("train", [])]
+        datasets = " and ".join(" ".join(pair).strip() for pair in pairs)
         origin = f"trained on {datasets}" if datasets else UNKNOWN_ORIGIN
         if "origin" in history:
             origin = "official weights, converted from {file} ({units})".format(**history["origin"])
@@ -206,15 +207,6 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         with safe_open(file, framework="pt") as stored:
             texts = stored.metadata() or {}
         return {key: json.loads(text) for key, text in texts.items()}, loaded(content)
-
-
-def _dataset_note(table: Mapping[str, Any]) -> str:
-    """Describe a data set that was trained on: its name, split or sequences, and size."""
-    subset = (
-        f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
-    )
-    size = "x".join(map(str, table.get("size_px", ())))
-    return " ".join(filter(None, (table["name"], subset, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:

@@ -166,11 +166,7 @@ def _synsin(file: Path) -> Converted:
             key = re.sub(pattern, replacement, key)
         tensors[key] = value
     architecture = SynSinArchitecture(
-        "published",
-        width=options["ngf"],
-        unit_m=unit_m,
-        depth_range=depth_range,
-        focal_px=focal_px,
+        width=options["ngf"], unit_m=unit_m, depth_range=depth_range, focal_px=focal_px
     )
     depths = "inverse depths of .01 to 10.01" if is_inverse else "depths of {} to {}"
     units = f"{units}; {depths.format(*depth_range)} units; images in [-1, 1] inside"

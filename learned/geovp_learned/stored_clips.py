@@ -86,9 +86,3 @@ def store(
 def camera_array(camera: Intrinsics) -> FloatArray:
     """Return fx, fy, cx, cy, width and height in pixels [6]."""
     return np.array([*vars(camera).values()], dtype=float)
-
-
-def camera_of(array: FloatArray) -> Intrinsics:
-    """Return the camera of an array [6]."""
-    fx_px, fy_px, cx_px, cy_px, *size_px = array.tolist()
-    return Intrinsics(fx_px, fy_px, cx_px, cy_px, *map(int, size_px))

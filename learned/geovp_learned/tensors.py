@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import ByteArray, Clip, Intrinsics, Trajectory
 
 MIRROR = np.diag(
     [-1.0, 1.0, 1.0, 1.0]
@@ -46,36 +45,20 @@ def metric_trajectory(clip: Clip) -> Trajectory:
     return clip.trajectory
 
 
-def shrink(
-    frame: ByteArray, camera: Intrinsics, wanted: Intrinsics
-) -> tuple[ByteArray, Intrinsics]:
-    """Shrink a frame [H, W, 3] to the focal lengths of another camera if that makes it smaller;
-    return its camera, too.
-
-    Area averages, so that later sampling does not alias.
-    """
-    width_px = max(round(camera.width_px * min(1.0, wanted.fx_px / camera.fx_px)), 1)
-    height_px = max(round(camera.height_px * min(1.0, wanted.fy_px / camera.fy_px)), 1)
-    resized = pinhole.resize(frame, (width_px, height_px))
-    return resized, camera.resized(width_px, height_px)
-
-
-def reproject(
-    frame: ByteArray,  # [H, W, 3]
-    camera: Intrinsics,
-    wanted: Intrinsics,
-    cam_from_wanted: FloatArray,  # [3, 3]
-) -> ByteArray:
-    """Return the view of another camera at the same place: its calibration, and a rotation or
-    reflection.
+def seen_by(frame: ByteArray, camera: Intrinsics, wanted: Intrinsics) -> ByteArray:
+    """Return a frame [H, W, 3] as another camera in the same pose takes it.
 
     What the frame does not show is filled with its border.
     """
-    # pixels of the frame from those wanted
-    homography = camera.matrix @ cam_from_wanted @ np.linalg.inv(wanted.matrix)
+    # Area averages first where that makes it smaller, so that sampling does not alias
+    width_px = max(round(camera.width_px * min(1.0, wanted.fx_px / camera.fx_px)), 1)
+    height_px = max(round(camera.height_px * min(1.0, wanted.fy_px / camera.fy_px)), 1)
+    resized = pinhole.resize(frame, (width_px, height_px))
+    # Pixels of the resized frame from those wanted
+    homography = camera.resized(width_px, height_px).matrix @ np.linalg.inv(wanted.matrix)
     flags, size_px = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (wanted.width_px, wanted.height_px)
     return cv2.warpPerspective(
-        frame, homography, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE
+        resized, homography, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
 
 
@@ -84,15 +67,6 @@ def pixel_grid(size_px: Sequence[int], like: Tensor) -> Tensor:
     axes = (torch.arange(side, dtype=like.dtype, device=like.device) for side in size_px)
     v, u = torch.meshgrid(*axes, indexing="ij")
     return torch.stack([u, v], dim=-1)
-
-
-def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
-    """Sample images [N, C, H, W] at positions (u, v) [N, H', W', 2]: bilinear, the border repeated
-    beyond it.
-    """
-    size = positions_px.new_tensor([images.shape[3], images.shape[2]])
-    grid = (2 * positions_px + 1) / size - 1  # -1 and 1 are the outer edges of the image
-    return functional.grid_sample(images, grid, padding_mode="border", align_corners=False)
 
 
 def psnr_db(predicted: Tensor, target: Tensor) -> Tensor:

@@ -78,7 +78,7 @@ def build_fabric(settings: Training) -> Fabric:
     """Build Lightning Fabric from the settings; raise BadData if it refuses them, or if a processor
     lacks bfloat16: convolutions take about fifteen times as long, LSTMs fail.
     """
-    names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
+    names = ("accelerator", "devices", "strategy", "precision")
     with files.checked("[training] does not fit this machine", "change it"):
         fabric = Fabric(**{name: getattr(settings, name) for name in names})
     capability = torch.backends.cpu.get_cpu_capability()

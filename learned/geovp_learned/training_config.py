@@ -50,7 +50,6 @@ class Training:
     num_workers: int = 0  # processes that prepare batches ahead; 0 = the training process itself
     accelerator: str = "auto"  # from here on as in Lightning Fabric
     devices: int = 1
-    num_nodes: int = 1
     strategy: str = "auto"
     precision: str = "32-true"
 

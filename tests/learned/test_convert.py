@@ -20,8 +20,8 @@ from geovp_classic.types import Intrinsics, PrivilegedInput
 from geovp_learned import checkpoints, inert_pickle
 from geovp_learned.__main__ import main
 from geovp_learned.convert import convert
+from geovp_learned.synsin.generator import Generator
 from geovp_learned.synsin.network import Architecture as SynSinArchitecture
-from geovp_learned.synsin.published import PublishedGenerator
 from geovp_learned.video import slamp, srvp, svg
 from geovp_learned.video.autoencoder import AutoencoderConfig
 
@@ -113,7 +113,7 @@ THEIRS = (
 
 def synsin_file(path: Path, **changes: Any) -> nn.Module:
     """`ngf` is smaller than theirs; the features of a point are always 64."""
-    network = PublishedGenerator(SynSinArchitecture("published", width=8, focal_px=718.9))
+    network = Generator(SynSinArchitecture(width=8, focal_px=718.9))
     state = {}
     for key, value in network.state_dict().items():
         for ours, theirs in THEIRS:

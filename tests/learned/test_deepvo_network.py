@@ -12,7 +12,6 @@ from torch.utils.data import default_collate
 from geovp_classic.errors import BadData
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, encoder
 from geovp_learned.deepvo.train import DeepVoTraining
-from geovp_learned.deepvo.windows import NO_AUGMENTATION
 from tests.learned.originals import digest, random_images, seed_weights
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
@@ -76,9 +75,7 @@ def test_it_overfits_eight_windows() -> None:
     a step.
     """
     architecture = replace(TINY, encoder_width=1 / 8)
-    method = DeepVoTraining(
-        architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3
-    )
+    method = DeepVoTraining(architecture, num_past=4, num_future=4, rate=3e-2)
     examples = method.examples([method.prepare(street.clip())], training=True)[:8]
     rng = np.random.default_rng(0)
     batch = default_collate([method.example(each, rng) for each in examples])
@@ -112,7 +109,7 @@ def test_flownets_weights_make_the_encoder_of_deepvo(tmp_path: Path) -> None:
     file = tmp_path / "flownets_bn.pth.tar"
     torch.save({"state_dict": {**stored, "deconv5.0.weight": torch.ones(1)}}, file)
     architecture = Architecture(size_px=(128, 64))
-    method = DeepVoTraining(architecture, optimiser="adagrad", flownet=file)
+    method = DeepVoTraining(architecture, flownet=file)
     networks = method.build()
     assert isinstance(method.optimisers(networks)["poses"], torch.optim.Adagrad)
     loaded = networks["poses"].encoder.eval()
@@ -122,3 +119,21 @@ def test_flownets_weights_make_the_encoder_of_deepvo(tmp_path: Path) -> None:
     assert digest(features) == pytest.approx(FEATURES, abs=1e-4)
     with pytest.raises(BadData, match="does not fit the encoder"):
         DeepVoTraining(replace(architecture, encoder_width=0.5), flownet=file).build()
+
+
+def test_a_window_has_the_frames_of_the_past_and_all_motions() -> None:
+    method = DeepVoTraining(TINY, num_past=4, num_future=3, grey_probability=1.0)
+    clip = street.clip()
+    examples = method.examples([method.prepare(clip)], training=True)
+    assert [window.first for window in examples] == [0, 1, 2, 3]  # 7 of 10 frames
+    coloured, grey = (
+        method.validation_example(examples[2]),
+        method.example(examples[2], np.random.default_rng(0)),
+    )
+    assert coloured["images"].shape == (4, 3, 64, 64)
+    assert not torch.equal(coloured["images"][:, 0], coloured["images"][:, 2])
+    assert torch.equal(grey["images"][:, 0], grey["images"][:, 2])
+    poses = clip.trajectory.world_from_cam
+    after_first = poses[2] @ coloured["motions"][0].numpy()
+    np.testing.assert_allclose(after_first, poses[3], atol=1e-4)
+    assert coloured["motions"].shape == (6, 4, 4)

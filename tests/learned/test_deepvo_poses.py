@@ -12,8 +12,9 @@ from geovp_classic import registry
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
-from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_image
+from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry
 from geovp_learned.deepvo.train import DeepVoTraining
+from geovp_learned.tensors import images_from_frames, seen_by
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
 
@@ -69,9 +70,8 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
 
     def seen(context: Context, architecture: Architecture) -> torch.Tensor:
         wanted = architecture.camera
-        return torch.stack(
-            [network_image(frame, context.intrinsics, wanted) for frame in context.frames]
-        )
+        frames = [seen_by(frame, context.intrinsics, wanted) for frame in context.frames]
+        return images_from_frames(np.stack(frames))
 
     difference = (seen(whole, narrow) - seen(small, narrow)).abs()
     assert float(difference.mean()) < 0.04

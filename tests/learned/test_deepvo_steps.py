@@ -67,7 +67,6 @@ def steps_2d(*rows: tuple[float, float, float]) -> torch.Tensor:
 
 
 STRAIGHT = flat((0, 1, 0), (0, 1, 0), (0, 1, 0))[None].float()
-ALL = torch.ones(1, 3)
 
 
 def test_the_absolute_loss_by_hand() -> None:
@@ -79,7 +78,7 @@ def test_the_absolute_loss_by_hand() -> None:
     twice as far: 0.039967 m^2.
     """
     method = DeepVoTraining(architecture=Architecture(head="2d"))
-    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
+    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT)
     assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
     assert value(losses["future"]) == pytest.approx(1.0 + (0.0099917 + 0.0399667) / 2, rel=1e-5)
     assert value(losses["total"]) == pytest.approx(value(losses["past"]) + value(losses["future"]))
@@ -87,7 +86,7 @@ def test_the_absolute_loss_by_hand() -> None:
 
 def test_the_relative_loss_sees_only_the_wrong_step() -> None:
     method = DeepVoTraining(loss="relative")
-    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
+    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT)
     assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
     assert value(losses["future"]) == pytest.approx(0.0, abs=1e-9)
 
@@ -95,23 +94,9 @@ def test_the_relative_loss_sees_only_the_wrong_step() -> None:
 def test_the_past_error_goes_through_the_encoder_only_and_the_future_error_through_both() -> None:
     method = DeepVoTraining()
     past, future = steps_2d((0, 1, 0.1)), steps_2d((0, 2, 0), (0, 1, 0))
-    losses = method.losses(past, future, STRAIGHT, ALL)
+    losses = method.losses(past, future, STRAIGHT)
     (gone,) = torch.autograd.grad(losses["past"], future, retain_graph=True)
     assert not gone.any()
     of_past, of_future = torch.autograd.grad(losses["future"], (past, future))
     assert float(of_past.abs().sum()) > 0
     assert float(of_future.abs().sum()) > 0
-
-
-def test_unknown_steps_do_not_count() -> None:
-    method = DeepVoTraining()
-    known = torch.tensor([[1.0, 1.0, 0.0]])
-    right, wrong = steps_2d((0, 1, 0), (0, 1, 0)), steps_2d((0, 1, 0), (9, 9, 1))
-    past = steps_2d((0, 1, 0))
-    assert value(method.losses(past, right, STRAIGHT, known)["total"]) == pytest.approx(
-        0.0, abs=1e-9
-    )
-    assert value(method.losses(past, wrong, STRAIGHT, known)["total"]) == pytest.approx(
-        0.0, abs=1e-9
-    )
-    assert value(method.losses(past, wrong, STRAIGHT, ALL)["total"]) > 10

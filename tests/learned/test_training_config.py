@@ -21,7 +21,6 @@ CONFIG = """
 [method]
 num_past = 4
 num_future = 4
-shortest_past = 2
 architecture = { size_px = [64, 64], encoder_width = 0.0625, lstm_size = 8 }
 
 [training]

@@ -49,10 +49,6 @@ class Architecture:
     lstm_layers: int = 1
     head: Head = "2d"
     decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
-    # Without effect, but stored with the shipped weights: a decoder without recurrence was dropped
-    future: Literal["recurrent"] = "recurrent"
-    window_pairs: int = 4
-    window_future: int = 20
 
     @property
     def camera(self) -> Intrinsics:

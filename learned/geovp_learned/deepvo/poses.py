@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import (
@@ -20,7 +19,7 @@ from geovp_classic.types import (
 )
 from geovp_learned import checkpoints, devices
 from geovp_learned.deepvo.network import chained, motions
-from geovp_learned.tensors import images_from_frames, reproject, shrink
+from geovp_learned.tensors import images_from_frames, seen_by
 
 
 @dataclass(frozen=True)
@@ -42,14 +41,16 @@ class _PretrainedDeepVo(checkpoints.Pretrained):
         """
         network, settings = self.load()
         wanted, head = settings.architecture.camera, settings.architecture.head
-        images = torch.stack([network_image(frame, camera, wanted) for frame in frames])
+        images = [images_from_frames(seen_by(frame, camera, wanted)) for frame in frames]
         num_past = len(images)
         if num_past < 2:
             raise Incompatible(
                 "deepvo compares pairs of frames, the past has but one: give num_past of 2 or more"
             )
         with devices.one_thread():
-            steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
+            steps = network(
+                torch.stack(images)[None].to(self.device), max(len(times_s) - num_past, 1)
+            )
         past, future = (chained(motions(step[0].double().cpu(), head)).numpy() for step in steps)
         world_from_cam = np.concatenate([np.eye(4)[None], past])
         trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)
@@ -104,10 +105,3 @@ class DeepVoSmallOdometry(DeepVoOdometry):
     """The past alone, by the small network; settings of `DeepVo`."""
 
     shipped = "deepvo-small"
-
-
-def network_image(frame: ByteArray, camera: Intrinsics, wanted: Intrinsics) -> Tensor:
-    """Convert a frame [H, W, 3] to the image [3, H', W'] in [0, 1] that another camera would have
-    taken.
-    """
-    return images_from_frames(reproject(*shrink(frame, camera, wanted), wanted, np.eye(3)))

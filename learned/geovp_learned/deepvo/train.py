@@ -1,7 +1,7 @@
 """Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,14 +11,13 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from geovp_classic import files
-from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Intrinsics
+from geovp_classic.geometry import se3
+from geovp_classic.types import Clip
 from geovp_learned import inert_pickle, stored_clips
-from geovp_learned.deepvo import windows
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
-from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.stored_clips import Arrays, Window
+from geovp_learned.tensors import bytes_from_frames, grey, metric_trajectory, seen_by
 
 
 @dataclass(frozen=True)
@@ -26,33 +25,20 @@ class DeepVoTraining:
     """Settings of the pose network's training.
 
     With `auxiliary` the loss also has the error of the past poses, which trains the encoder alone.
-    `loss` "relative" compares single steps instead of absolute poses. Squared errors of the
-    absolute pose after n steps are divided by n ** `drift_power`: 0 as published, where late poses
-    dominate; 2 compares the drift per step. Each batch has a random number of observed frames,
-    `shortest_past` to `num_past`. Wang et al. 2017 train with Adagrad from FlowNet's weights.
+    `loss` "relative" compares single steps instead of absolute poses. Wang et al. 2017 start from
+    FlowNet's weights.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
-    augmentation: Augmentation = field(default_factory=Augmentation)
     num_past: int = 10
     num_future: int = 10
-    shortest_past: int = 10
     loss: Literal["absolute", "relative"] = "absolute"
     auxiliary: bool = True
-    drift_power: float = 0.0  # of absolute poses
     rotation_weight: float = 100.0  # of rad^2 against m^2, eq. 3.6
-    rate: float = 1e-3
-    weight_decay: float = 1e-4
-    optimiser: Literal["adamw", "adagrad"] = "adamw"
-    flownet: Path | None = (
-        None  # weights of FlowNetS-BN (flownets_bn_EPE2.459.pth.tar) to start from
-    )
-
-    def __post_init__(self) -> None:
-        if not 2 <= self.shortest_past <= self.num_past:
-            raise BadData(
-                f"shortest_past is {self.shortest_past}, expected 2 to num_past ({self.num_past})"
-            )
+    grey_probability: float = 0.0  # probability that a window is shown without colours
+    rate: float = 5e-4
+    # Weights of FlowNetS-BN (flownets_bn_EPE2.459.pth.tar) to start from
+    flownet: Path | None = None
 
     def build(self) -> dict[str, nn.Module]:
         """Build the pose network; raise BadData if FlowNet's weights do not fit its encoder."""
@@ -62,15 +48,16 @@ class DeepVoTraining:
         return {"poses": network}
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Build the optimiser of the network."""
-        parameters = networks["poses"].parameters()
-        if self.optimiser == "adagrad":
-            return {"poses": torch.optim.Adagrad(parameters, self.rate)}
-        return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
+        """Build Adagrad, as Wang et al. 2017."""
+        return {"poses": torch.optim.Adagrad(networks["poses"].parameters(), self.rate)}
 
     def prepare(self, clip: Clip) -> Arrays:
-        """Return frames for the network's camera, and poses."""
-        return windows.prepare(clip, self.architecture.camera)
+        """Return poses, and frames as of the network's camera; BadData if poses are not metric."""
+        camera, wanted = clip.intrinsics, self.architecture.camera
+        return {
+            "frames": np.stack([seen_by(frame, camera, wanted) for frame in clip.frames]),
+            "world_from_cam": metric_trajectory(clip).world_from_cam,
+        }
 
     def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Window]:
         """Cut windows from the clips: all for training, every fifth for validation."""
@@ -78,42 +65,43 @@ class DeepVoTraining:
         return stored_clips.windows(clips, num_frames, 1 if training else 5)
 
     def example(self, item: Window, rng: np.random.Generator) -> Batch:
-        """Return an augmented window."""
-        return windows.sample(item, *self._sizes, self.augmentation, rng)
+        """Return a window: "images" [P, 3, H, W] of bytes and "motions" [P + F - 1, 4, 4]."""
+        first, end = item.first, item.first + self.num_past
+        frames = item.clip["frames"][first:end]
+        world_from_cam = item.clip["world_from_cam"][first : end + self.num_future]
+        relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
+        return {
+            "images": bytes_from_frames(
+                grey(frames) if rng.random() < self.grey_probability else frames
+            ),
+            "motions": torch.from_numpy(relative).float(),
+        }
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
-        """Return the losses of the only network, shown a random number of observed frames."""
-        skipped = int(torch.randint(self.num_past - self.shortest_past + 1, ()))
-        parts = {name: tensor[:, skipped:] for name, tensor in batch.items()}
-        past, future = networks["poses"](parts["images"].float() / 255.0, self.num_future)
-        return {"poses": self.losses(past, future, parts["motions"], parts["is_known"])}
+        """Return the losses of the only network."""
+        past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
+        return {"poses": self.losses(past, future, batch["motions"])}
 
     def losses(
         self,
         past: Tensor,  # [B, P - 1, D] steps
         future: Tensor,  # [B, F, D]
         real: Tensor,  # [B, P + F - 1, 4, 4]
-        weights: Tensor,  # [B, P + F - 1]; 0 for a step that is not learnt
     ) -> Losses:
-        """Return the losses of eq. 3.6 as means over the past's and the future's valid steps."""
+        """Return the losses of eq. 3.6 as means over the past's and the future's steps."""
         head = self.architecture.head
         predicted = motions(torch.cat([past, future], dim=1).float(), head)
         if self.loss == "absolute":
             predicted, real = chained(predicted), chained(real)
-            lengths = torch.arange(1, weights.shape[1] + 1, device=weights.device)
-            weights = weights / lengths**self.drift_power
         translation, rotation = squared_errors(predicted, real, head)
         both = translation + self.rotation_weight * rotation
         split = past.shape[1]
-        losses = {
-            "past": _mean(both[:, :split], weights[:, :split]),
-            "future": _mean(both[:, split:], weights[:, split:]),
-        }
+        losses = {"past": both[:, :split].mean(), "future": both[:, split:].mean()}
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
     def validation_example(self, item: Window) -> Batch:
         """Return a window as it is."""
-        return windows.sample(item, *self._sizes, NO_AUGMENTATION, np.random.default_rng(0))
+        return replace(self, grey_probability=0.0).example(item, np.random.default_rng(0))
 
     def validation_step(self, networks: Networks, batch: Batch) -> Losses:
         """Return mean errors of future poses, seen from the last observed camera, and of single
@@ -135,10 +123,6 @@ class DeepVoTraining:
             "past_step_deg": torch.rad2deg(past_rad),
         }
 
-    @property
-    def _sizes(self) -> tuple[Intrinsics, int, int]:
-        return self.architecture.camera, self.num_past, self.num_future
-
 
 def load_flownet(encoder: nn.Module, file: Path) -> None:
     """Load the contracting part of FlowNetS with batch normalisation, whose layers are in the order
@@ -154,8 +138,3 @@ def load_flownet(encoder: nn.Module, file: Path) -> None:
     names = [key for key in encoder.state_dict() if not key.endswith("batches_tracked")]
     with files.checked(f"{file} does not fit the encoder", "give FlowNetS-BN and encoder_width 1"):
         encoder.load_state_dict(dict(zip(names, theirs, strict=True)), strict=False)
-
-
-def _mean(values: Tensor, weights: Tensor) -> Tensor:
-    """Return the weighted mean over the values of positive weight; 0 if there are none."""
-    return (values * weights).sum() / (weights > 0).sum().clamp(min=1)

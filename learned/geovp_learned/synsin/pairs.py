@@ -4,7 +4,6 @@ them.
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 
 from geovp_classic.geometry import se3
@@ -17,12 +16,11 @@ from geovp_learned.tensors import MIRROR, images_from_frames
 
 def prepare(clip: Clip) -> Arrays:
     """Return what pairs need of a clip; raise BadData if it has no metric poses."""
-    arrays = {
+    return {
         "frames": clip.frames,
         "world_from_cam": tensors.metric_trajectory(clip).world_from_cam,
         "camera": camera_array(clip.intrinsics),
     }
-    return arrays if clip.depths is None else {**arrays, "depths": clip.depths}
 
 
 def frame_pairs(
@@ -35,11 +33,8 @@ def frame_pairs(
     motions = se3.inverse(poses[1:]) @ poses[0]
     fx_px, fy_px, cx_px, cy_px, width_px, _ = clip["camera"]
     frames = tensors.grey(clip["frames"][steps]) if in_grey else clip["frames"][steps]
-    depth = clip["depths"][last] if "depths" in clip else np.zeros(frames.shape[1:3])
-    with np.errstate(divide="ignore"):
-        inverse_depth = np.where(depth > 0, 1 / depth, np.nan)
     if mirrored:
-        frames, inverse_depth = frames[:, :, ::-1], inverse_depth[:, ::-1]
+        frames = frames[:, :, ::-1]
         motions = MIRROR @ motions @ MIRROR
         cx_px = width_px - 1 - cx_px
     images = images_from_frames(frames)
@@ -48,13 +43,9 @@ def frame_pairs(
         "targets": images[1:],  # [V, 3, H, W]
         "cam_from_last": torch.from_numpy(motions).float(),  # [V, 4, 4], metres
         "intrinsics": torch.tensor([fx_px, fy_px, cx_px, cy_px]).float(),
-        # [H, W] 1/m of the frame; NaN where it is not known
-        "inverse_depths": torch.from_numpy(inverse_depth.copy()).float(),
     }
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:
     """Return fx, fy, cx, cy in pixels [1, 4]."""
-    return torch.tensor(
-        [[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]], dtype=torch.float32
-    )
+    return torch.from_numpy(camera_array(camera)[None, :4]).float()

@@ -24,7 +24,8 @@ from geovp_classic.types import (
     Views,
 )
 from geovp_learned import checkpoints, devices
-from geovp_learned.synsin.network import FeatureCloud, Generator, Images
+from geovp_learned.synsin.generator import FeatureCloud, Generator, Images
+from geovp_learned.synsin.network import NOISE_SIZE
 from geovp_learned.synsin.pairs import intrinsics_tensor
 from geovp_learned.tensors import frames_from_images, images_from_frames
 
@@ -37,8 +38,7 @@ class SynSin(checkpoints.Pretrained):
     """New views of one frame by learned depth, splatted features and a refinement network (Wiles et
     al. 2020).
 
-    Frames may have any size. The weights say which variant they are of. `seed` draws the noise of
-    the networks, the same for all views.
+    Frames may have any size. `seed` draws the noise of the networks, the same for all views.
     """
 
     seed: int = 0
@@ -47,17 +47,10 @@ class SynSin(checkpoints.Pretrained):
 
     @property
     def input_note(self) -> str:
-        """Describe the sizes of the frame and of the depth network's input."""
-        architecture = self.load()[1].architecture
-        if architecture.focal_px:
-            return (
-                f"works on the last frame, resized to a focal length of {architecture.focal_px} px"
-            )
-        variant = "" if architecture.variant == "residual" else "published variant; "
-        return (
-            f"{variant}works at the frames' own size on the last frame, its depth at "
-            f"{architecture.depth_px} px height"
-        )
+        """Describe the size of the frame that the network sees."""
+        focal_px = self.load()[1].architecture.focal_px
+        size = f"resized to a focal length of {focal_px} px" if focal_px else "at its own size"
+        return f"works on the last frame, {size}"
 
     def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
         """Build the cloud of the last frame; raise Incompatible if the poses are not metric, as
@@ -74,19 +67,19 @@ class SynSin(checkpoints.Pretrained):
         inputs = (
             images_from_frames(frame[None]),
             intrinsics_tensor(camera),
-            self._noise(generator.feature_noise),
+            self._noise(),
         )
         with torch.inference_mode(), devices.one_thread():
             cloud = generator.encode(*(tensor.to(self.device) for tensor in inputs))
-        noise = self._noise(generator.refinement_noise).to(self.device)
+        noise = self._noise().to(self.device)
         return FeatureScene(generator, cloud, noise, past.world_from_cam[-1], focal_px)
 
-    def _noise(self, size: int) -> Tensor:
-        return torch.randn(1, size, generator=torch.Generator().manual_seed(self.seed))
+    def _noise(self) -> Tensor:
+        return torch.randn(1, NOISE_SIZE, generator=torch.Generator().manual_seed(self.seed))
 
 
 class SynSinSmall(SynSin):
-    """Our variant of SynSin (`residual`) with short training; settings of `SynSin`."""
+    """SynSin with a quarter of the channels and short training; settings of `SynSin`."""
 
     shipped = "synsin-small"
 
@@ -99,7 +92,7 @@ class FeatureScene:
     cloud: FeatureCloud  # of one frame
     noise: Tensor  # [1, N], the same for all views
     world_from_last: FloatArray  # [4, 4]
-    focal_px: float = 0.0  # of the network's images; 0 = any
+    focal_px: float  # of the network's images; 0 = any
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics

@@ -17,11 +17,8 @@ from torch.nn import functional
 
 from geovp_learned.tensors import pixel_grid
 
-NEAR_M = 0.5  # points nearer than this to the new camera are not splatted (SynSin: .01 of 50 m)
-MIN_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
+MIN_Z = 1e-3  # infinitely far points this close to the image plane are not splatted
 EMPTY = -1
-SOLID_FACTOR = 4.0  # pull_push treats pixels of a quarter of full opacity as solid
-MIN_PULL_OPACITY = 1e-4  # thinner pixels count as empty in pull_push
 
 
 @dataclass(frozen=True)
@@ -33,9 +30,9 @@ class Splatter:
     points, the nearest `points_per_pixel` are composited from front to back.
     """
 
-    radius_px: float = 1.0
-    points_per_pixel: int = 8
-    min_distance: float = 1e-3  # also keeps the square root differentiable at 0
+    radius_px: float
+    points_per_pixel: int
+    min_distance: float  # also keeps the square root differentiable at 0
 
     def __call__(
         self,
@@ -95,8 +92,9 @@ class Splatter:
         counts = torch.bincount(pixels, minlength=batch * height * width)
         starts = counts.cumsum(0) - counts
         ranks = torch.arange(len(pixels), device=pixels.device) - starts[pixels]
-        is_nearest = ranks < self.points_per_pixel
-        slots = pixels.new_full((len(counts), self.points_per_pixel), EMPTY)
+        num_slots = min(self.points_per_pixel, max(int(counts.max()), 1))  # no slot stays empty
+        is_nearest = ranks < num_slots
+        slots = pixels.new_full((len(counts), num_slots), EMPTY)
         slots[pixels[is_nearest], ranks[is_nearest]] = points[order][is_nearest]
         return slots
 
@@ -121,7 +119,7 @@ def project(
     inverse_depths: Tensor,  # [B, N] 1/m
     cam_from_last: Tensor,  # [B, 4, 4]
     intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy of the new camera
-    near_m: float = NEAR_M,
+    near_m: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return positions in pixels [B, N, 2], inverse depths there [B, N], and whether they are in
     front of the camera [B, N].
@@ -139,26 +137,3 @@ def project(
         positions.detach().abs().amax(dim=2) < 1e5
     )  # beyond, float32 pixel indices are not exact
     return positions, inverse_depths / z, in_front & on_image
-
-
-def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
-    """Fill holes: where the opacity [B, 1, H, W] is low, blended values [B, C, H, W] of coarser
-    images show through.
-
-    Pull-push over an image pyramid (Gortler et al. 1996, section 3.4), so that the refinement
-    network starts with the surrounding colours in gaps between points and in disoccluded regions.
-    """
-    solid = SOLID_FACTOR * opacities
-    coverage = solid.clamp(max=1)
-    blended = blended * (coverage / opacities.clamp(min=MIN_PULL_OPACITY))
-    height, width = blended.shape[2:]
-    if max(height, width) == 1:
-        return blended / coverage.clamp(min=MIN_PULL_OPACITY)
-    padding = (0, width % 2, 0, height % 2)
-    coarse, thin = (
-        functional.avg_pool2d(functional.pad(maps, padding), 2) for maps in (blended, coverage)
-    )
-    behind = functional.interpolate(pull_push(coarse, thin), scale_factor=2, mode="bilinear")[
-        :, :, :height, :width
-    ]
-    return blended + (1 - coverage) * behind

@@ -16,42 +16,31 @@ from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.stored_clips import Arrays, Window, windows
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
+from geovp_learned.synsin.generator import Generator
 from geovp_learned.synsin.network import Architecture
-from geovp_learned.synsin.published import PublishedGenerator
-from geovp_learned.synsin.residual import ResidualGenerator
 from geovp_learned.tensors import psnr_db
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the losses; a loss of weight 0 is not computed."""
+    """Weights of the losses; without `adversarial` there is no discriminator."""
 
     colour: float = 1.0
     content: float = 10.0
     adversarial: float = 1.0
-    feature_matching: float = 10.0  # within the adversarial loss
-    # from here on not in the paper; needs a data set with depth, such as the synthetic street
-    depth: float = 0.0
-    reprojection: float = 0.0
-    roughness: float = 0.0  # smoothness loss
+    feature_matching: float = 10.0
 
 
 @dataclass(frozen=True)
 class SynSinTraining:
-    """Settings of training; each example has `views` random frames of its next `max_horizon` ones
-    as targets.
+    """Settings of training; the target of an example is a random one of its next `max_horizon`
+    frames.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
     weights: Weights = field(default_factory=Weights)
     content_net: losses.ContentNet = "squeeze"
     max_horizon: int = 20
-    views: int = 2
-    # of examples with a view in the nearest quarter of horizons, which helps depth
-    near_probability: float = 0.5
-    depth_first_steps: int = 0  # at the start, with depth losses alone
-    # of the images' gradient in the depth network; 1 in the paper
-    depth_gradient_scale: float = 1.0
     grey_probability: float = 0.2  # probability that an example is shown without colours
     rate: float = 1e-3
     discriminator_rate: float = 2e-3
@@ -60,9 +49,7 @@ class SynSinTraining:
 
     def build(self) -> dict[str, nn.Module]:
         """Build a new generator, and a discriminator if the adversarial loss has a weight."""
-        variants = {"published": PublishedGenerator, "residual": ResidualGenerator}
-        generator = variants[self.architecture.variant](self.architecture)
-        networks: dict[str, nn.Module] = {"generator": generator}
+        networks: dict[str, nn.Module] = {"generator": Generator(self.architecture)}
         if self.weights.adversarial:
             networks["discriminator"] = MultiScaleDiscriminator(self.discriminator_width)
         return networks
@@ -77,7 +64,7 @@ class SynSinTraining:
         }
 
     def prepare(self, clip: Clip) -> Arrays:
-        """Return frames, poses and camera, and depth where it is known."""
+        """Return frames, poses and camera."""
         return pairs.prepare(clip)
 
     def examples(self, clips: Sequence[Arrays], *, training: bool) -> Sequence[Window]:
@@ -87,26 +74,15 @@ class SynSinTraining:
         return windows(clips, 1 + self.max_horizon, 1 if training else self.validation_stride)
 
     def example(self, item: Window, rng: np.random.Generator) -> Batch:
-        """Return an example with horizons drawn from `rng`, some mirrored, some grey."""
-        horizons = 1 + rng.choice(
-            self.max_horizon, self.views, replace=self.views > self.max_horizon
-        )
-        if rng.random() < self.near_probability:
-            horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
+        """Return an example with a horizon drawn from `rng`, some mirrored, some grey."""
+        horizon = int(rng.integers(1, self.max_horizon + 1))
         mirrored, in_grey = rng.random(2) < (0.5, self.grey_probability)
-        return pairs.frame_pairs(item, horizons.tolist(), mirrored=mirrored, in_grey=in_grey)
+        return pairs.frame_pairs(item, [horizon], mirrored=mirrored, in_grey=in_grey)
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:
         """Return the generator's losses, and the discriminator's on the generated images."""
-        frames, intrinsics = batch["frames"], batch["intrinsics"]
-        if step < self.depth_first_steps:
-            _, inverse_depths = networks["generator"](frames, intrinsics)
-            return {"generator": self._summed(self._depth_losses(inverse_depths, batch))}
-        images, inverse_depths = networks["generator"](
-            frames, intrinsics, batch["cam_from_last"], self.depth_gradient_scale
-        )
-        fake, real = images.frames, batch["targets"].flatten(0, 1)
-        terms = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}
+        fake, real = self._images(networks, batch)
+        terms = self._image_losses(fake, real)
         if "discriminator" not in networks:
             return {"generator": self._summed(terms)}
         critic = networks["discriminator"]
@@ -115,18 +91,19 @@ class SynSinTraining:
         return {"generator": self._summed(terms), "discriminator": {"total": loss}}
 
     def validation_example(self, item: Window) -> Batch:
-        """Return an example at some horizons."""
-        fractions = (0.05, 0.25, 0.5, 0.75, 1.0)
-        horizons = {max(1, round(fraction * self.max_horizon)) for fraction in fractions}
-        return pairs.frame_pairs(item, sorted(horizons))
+        """Return an example at the first and every fifth horizon."""
+        return pairs.frame_pairs(item, [1, *range(5, self.max_horizon + 1, 5)])
 
     def validation_step(self, networks: Networks, batch: Batch) -> Losses:
         """Return PSNR and losses; the score is colour and content, weighted as in training."""
-        inputs = (batch[name] for name in ("frames", "intrinsics", "cam_from_last"))
-        images, _ = networks["generator"](*inputs)
-        fake, real = images.frames.clamp(0, 1), batch["targets"].flatten(0, 1)
+        fake, real = self._images(networks, batch)
         terms = self._summed(self._image_losses(fake, real))
         return {"score": terms.pop("total"), **terms, "psnr": psnr_db(fake, real).mean()}
+
+    def _images(self, networks: Networks, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Return generated and true images [B * V, 3, H, W]."""
+        inputs = (batch[name] for name in ("frames", "intrinsics", "cam_from_last"))
+        return networks["generator"](*inputs).frames, batch["targets"].flatten(0, 1)
 
     def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
         parts = {"colour": functional.l1_loss(fake, real)}
@@ -134,20 +111,8 @@ class SynSinTraining:
             parts["content"] = losses.content_loss(fake, real, self.content_net)
         return parts
 
-    def _depth_losses(self, inverse_depths: Tensor, batch: Batch) -> Losses:
-        parts = {}
-        if self.weights.depth:
-            parts["depth"] = losses.depth_loss(inverse_depths, batch["inverse_depths"])
-        if self.weights.reprojection:
-            views = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
-            parts["reprojection"] = losses.reprojection_loss(inverse_depths, *views)
-        if self.weights.roughness:
-            parts["roughness"] = losses.smoothness_loss(inverse_depths, batch["frames"])
-        return parts
-
     def _summed(self, parts: Losses) -> Losses:
         """Add the weighted sum of the terms as "total"."""
         weights = asdict(self.weights)
-        weights["feature_matching"] *= self.weights.adversarial
         total = torch.stack([weights[name] * loss for name, loss in parts.items()]).sum()
         return {**parts, "total": total}

@@ -22,13 +22,13 @@ from geovp_learned.synsin.train import SynSinTraining, Weights
 
 @pytest.fixture(scope="session")
 def clip() -> Clip:
-    """Ten frames of the contracts' street, averaged to a quarter of its size, with true depths."""
+    """Ten frames of the contracts' street, averaged to a quarter of its size."""
     whole = street.clip()
     return replace(
         whole,
         frames=np.stack([pinhole.resize(frame, (32, 32)) for frame in whole.frames]),
         intrinsics=whole.intrinsics.resized(32, 32),
-        depths=whole.depths[:, 2::4, 2::4],
+        depths=None,
         moving=None,
     )
 
@@ -36,22 +36,12 @@ def clip() -> Clip:
 @pytest.fixture(scope="session")
 def method() -> SynSinTraining:
     """SynSin without losses that need files or another network."""
-    architecture = Architecture(
-        features=8,
-        width=16,
-        feature_blocks=1,
-        inner_blocks=1,
-        noise_size=4,
-        patch_px=2,
-        depth_px=32,
-        depth_channels=(16, 32, 32),
-    )
     return SynSinTraining(
-        architecture,
-        Weights(content=0.0, adversarial=0.0, depth=1.0, reprojection=1.0, roughness=0.01),
+        Architecture(features=8, width=8),
+        Weights(content=0.0, adversarial=0.0),
         max_horizon=2,
-        views=2,
         grey_probability=0.0,
+        discriminator_width=8,
         rate=1e-2,
     )
 

@@ -13,8 +13,8 @@ import torch
 
 from geovp_learned.synsin import discriminator
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
-from geovp_learned.synsin.network import Architecture
-from geovp_learned.synsin.published import PublishedGenerator
+from geovp_learned.synsin.generator import Generator
+from geovp_learned.synsin.network import NOISE_SIZE, Architecture
 from tests.learned.originals import HALF, digest, random_images, seed_weights
 
 TOLERANCE = 1e-4
@@ -40,7 +40,7 @@ FEATURES = numbers(
 CASES = {
     # --use_inverse_depth: 1 / depth = 10 sigmoid + .01, in units of 50 m
     "kitti": (
-        Architecture("published", focal_px=718.9),
+        Architecture(focal_px=718.9),
         numbers(
             """4.166862 4.450865 4.54387 3.784612 4.23193 4.123387 3.406658 4.295537 4.480203 4.262394 4.278277 4.058616 4.317369 4.390059 4.006037 3.874049 4.227686 4.24478 4.063107 4.396157 4.265823 4.12584 4.038571 3.476648"""
         ),
@@ -50,7 +50,7 @@ CASES = {
     ),
     # depth = (100 - 1) sigmoid + 1, in units of a metre
     "realestate": (
-        Architecture("published", unit_m=1.0, depth_range=(1.0, 100.0)),
+        Architecture(unit_m=1.0, depth_range=(1.0, 100.0)),
         numbers(
             """0.023723 0.02224 0.021793 0.026063 0.023366 0.023968 0.028879 0.023027 0.022097 0.023203 0.023118 0.024342 0.022913 0.022542 0.024654 0.025475 0.023389 0.023297 0.024316 0.022511 0.023184 0.023954 0.02446 0.028313"""
         ),
@@ -64,11 +64,11 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_depths_features_and_views_are_those_of_the_authors_code(name: str) -> None:
     architecture, inverse_depths, image = CASES[name]
-    generator = PublishedGenerator(architecture).eval()
+    generator = Generator(architecture).eval()
     for network, count in zip(generator.children(), (431_064, 9_795_137, 3_578_066), strict=True):
         seed_weights(network)
         assert sum(parameter.numel() for parameter in network.parameters()) == count
-    noise = torch.full((1, generator.feature_noise), HALF)
+    noise = torch.full((1, NOISE_SIZE), HALF)
     with torch.no_grad():
         cloud = generator.encode(random_images(1, 3, 256, 256), CAMERA, noise)
         views = generator.render(cloud, MOTION, CAMERA, (256, 256), noise)
@@ -82,9 +82,9 @@ def test_the_untrained_depth_is_ten_metres_and_an_opacity_at_most_968_thousandth
     """A sigmoid of 0 is half: 1 / (10 / 2 + .01) = .1996 units of 50 m. A point in the middle of a
     pixel has 1 - sqrt(.001) = .9684.
     """
-    generator = PublishedGenerator(Architecture("published"))
+    generator = Generator(Architecture())
     generator.depth_network.unet = lambda maps: torch.zeros_like(maps[:, :1])
-    inverse_depths = generator.depth_network(random_images(1, 3, 256, 256), torch.empty(0))
+    inverse_depths = generator.depth_network(random_images(1, 3, 256, 256))
     torch.testing.assert_close(1 / inverse_depths, torch.full((1, 256, 256), 50 / 5.01))
     middle = torch.zeros(1, 1, 2), torch.ones(1, 1), torch.ones(1, 1, dtype=torch.bool)
     _, opacities = generator.splatter(256)(*middle, torch.ones(1, 1, 1), (1, 1))

@@ -6,7 +6,7 @@ from torch import Tensor
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.splatting import Splatter
 
-SIZE_PX = (9, 11)
+SIZE_PX, NEAR_M = (9, 11), 0.5
 CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, cx, cy
 
 
@@ -50,7 +50,7 @@ def splatted_naively(
 def test_splatter_is_equal_to_loops_over_pixels_and_points(
     radius_px: float, points_per_pixel: int
 ) -> None:
-    splatter = Splatter(radius_px, points_per_pixel)
+    splatter = Splatter(radius_px, points_per_pixel, 1e-3)
     points = random_points(seed=1)
     image, opacity = splatter(*points, SIZE_PX)
     wanted, wanted_opacity = splatted_naively(splatter, *points)
@@ -69,9 +69,9 @@ def test_gradients_are_those_of_finite_differences_and_go_through_the_camera() -
     depths = torch.linspace(0.02, 0.2, rays.shape[1], dtype=torch.float64)[None].requires_grad_()
 
     def images(inverse_depths: Tensor, coloured: Tensor) -> tuple[Tensor, Tensor]:
-        positions, _, in_front = splatting.project(rays, inverse_depths, motion, CAMERA)
+        positions, _, in_front = splatting.project(rays, inverse_depths, motion, CAMERA, NEAR_M)
         # depth order is held fixed: where two points swap, the image jumps and has no slope
-        return Splatter(1.5, 4)(positions, depths.detach(), in_front, coloured, SIZE_PX)
+        return Splatter(1.5, 4, 1e-3)(positions, depths.detach(), in_front, coloured, SIZE_PX)
 
     assert torch.autograd.gradcheck(images, (depths, features), eps=1e-7, atol=1e-3, rtol=1e-3)
 
@@ -83,7 +83,7 @@ def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_
     motion[0, 2, 3] = -2.0
     ray = torch.tensor([[[0.25, -0.1, 1.0], [0.25, -0.1, 1.0]]], dtype=torch.float64)
     depths = torch.tensor([[0.25, 0.0]], dtype=torch.float64)  # a wall, and the sky behind it
-    positions, there, _ = splatting.project(ray, depths, motion, CAMERA)
+    positions, there, _ = splatting.project(ray, depths, motion, CAMERA, NEAR_M)
     np.testing.assert_allclose(
         positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]]
     )
@@ -94,9 +94,9 @@ def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
     motion = torch.eye(4, dtype=torch.float64)[None].clone()
     motion[0, 2, 3] = -4.0
     ray = torch.tensor([[[0.0, 0.0, 1.0]] * 4], dtype=torch.float64)
-    distances_m = [3.0, 4.0, 4.0 + 0.9 * splatting.NEAR_M, 4.0 + 1.1 * splatting.NEAR_M]
+    distances_m = [3.0, 4.0, 4.0 + 0.9 * NEAR_M, 4.0 + 1.1 * NEAR_M]
     depths = 1 / torch.tensor([distances_m], dtype=torch.float64)
-    positions, there, in_front = splatting.project(ray, depths, motion, CAMERA)
+    positions, there, in_front = splatting.project(ray, depths, motion, CAMERA, NEAR_M)
     assert in_front[0].tolist() == [False, False, False, True]
     assert torch.isfinite(positions).all()
     assert torch.isfinite(there).all()
