@@ -29,7 +29,7 @@ class DetailTransfer:
     strength: float = 0.25  # set by hand, below the .5 that was chosen on val for other detail
     # Grey values, rms of the channels: the difference of colours at which 1 / e of the detail is
     # left. Among 15, 30 and 60, chosen on KITTI's train and val and the videos of other cameras.
-    colour_difference: float = 30.0
+    colour_difference: float = 60.0
 
     def __post_init__(self) -> None:
         is_valid = 0 < self.coarse_fraction < 1 and self.strength >= 0

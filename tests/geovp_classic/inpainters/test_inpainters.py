@@ -59,7 +59,7 @@ def test_telea_continues_a_gradient() -> None:
     assert np.abs(inpaint(Telea(), views)[..., 0] - gradient).max() < 30
 
 
-@pytest.mark.parametrize(("difference", "part"), [(0, 1.0), (30, np.exp(-1)), (-90, np.exp(-9))])
+@pytest.mark.parametrize(("difference", "part"), [(0, 1.0), (60, np.exp(-1)), (-90, np.exp(-2.25))])
 def test_colours_come_from_the_border_and_detail_from_a_similar_last_frame(
     difference: int, part: float
 ) -> None:
