@@ -386,7 +386,7 @@ class LivePredictor:
         present, settings = state.present, self.settings
         num_frames = 0 if present is None else len(present.past)
         if present is None or num_frames < settings.min_frames:
-            return f"only {num_frames} usable frames since the start"
+            return f"too few usable frames since the start: {num_frames}"
         if state.is_blank:
             return "the newest frame is blank"
         ahead_s = time_s - present.past.times_s[-1]

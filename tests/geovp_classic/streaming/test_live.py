@@ -157,7 +157,7 @@ def test_after_a_jump_of_the_clock_the_track_starts_anew(
 ) -> None:
     time_s = clip.times_s[10] + jump_s
     assert live.push(clip.frames[10], time_s).status == "restarted"
-    assert live.view(time_s + 0.1).warning == "only 1 usable frames since the start"
+    assert live.view(time_s + 0.1).warning == "too few usable frames since the start: 1"
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def test_during_a_push_after_a_gap_the_new_frame_is_shown(clip: Clip, jump_s: fl
     seen: list[LiveView] = []
     watching.calls.append(lambda: seen.append(live.view(time_s + 0.1)))
     assert live.push(clip.frames[5], time_s).status == "restarted"
-    assert [view.warning for view in seen] == ["only 0 usable frames since the start"]
+    assert [view.warning for view in seen] == ["too few usable frames since the start: 0"]
     assert (seen[0].frame == clip.frames[5]).all()
 
 
