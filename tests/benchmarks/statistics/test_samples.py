@@ -50,10 +50,3 @@ def test_best_sample_is_one_sample_over_all_steps() -> None:
         samples.best_of_samples(table, None), [[7.5, 3.5]]
     )  # nothing is better
     np.testing.assert_array_equal(samples.mean_of_samples(table, True), [[7.5, 3.5]])
-
-
-def test_each_metric_selects_its_sample() -> None:
-    psnr = np.array([[[10.0], [12.0]], [[NAN], [NAN]]])
-    lpips = np.array([[[0.1], [0.5]], [[0.3], [NAN]]])
-    np.testing.assert_array_equal(samples.best_of_samples(psnr, True), [[12.0], [NAN]])
-    np.testing.assert_array_equal(samples.best_of_samples(lpips, False), [[0.1], [0.3]])

@@ -6,7 +6,6 @@ import base64
 import html
 import io
 import re
-import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -105,22 +104,6 @@ def test_names_and_reasons_are_shown_and_never_run(page: str) -> None:
     for raw in ("<script>alert", "<i>odd", "<b>bold", "<x>", "<val>"):
         assert raw not in page
     assert "a/b[0:9) <x> & $y" in text
-
-
-def test_differences_from_a_row_on_three_clips_are_not_tested(folder: Path, tmp_path: Path) -> None:
-    """The best of three samples is 2 dB above a single one on every clip; their mean is 1 dB above."""
-    shutil.copytree(
-        folder,
-        tmp_path / "r",
-        ignore=lambda at, names: {"plots", "clips", "predictions"} & {*names},
-    )
-    report.write(Results(tmp_path / "r"), Options(against="copy-last"))
-    text = seen((tmp_path / "r" / "report.html").read_text(encoding="utf-8"))
-    assert "toy & matrix: differences from copy-last" in text
-    assert "+1.00 [1.00, 1.00]" in text
-    assert "+2.00 [2.00, 2.00]" in text
-    assert "Differences on fewer than eight effective clips are not tested." in text
-    assert "*" not in text.partition("differences from copy-last")[2].partition("PSNR over")[0]
 
 
 class TestFilms:

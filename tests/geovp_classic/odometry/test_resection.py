@@ -1,7 +1,6 @@
 """Pose of a camera that observes known points."""
 
 import numpy as np
-import pycolmap
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.odometry.resection import Resection
@@ -34,22 +33,6 @@ def test_resection_survives_half_wrong_points() -> None:
     np.testing.assert_allclose(pose, TRUTH, atol=1e-3)
     assert inliers[60:].all()
     assert inliers[:60].mean() < 0.1
-
-
-def test_resection_is_as_good_as_pycolmap() -> None:
-    points = scene()
-    rays = pinhole.normalised(project(points, TRUTH), CAMERA)
-    rays += np.random.default_rng(4).normal(0, NOISE, rays.shape)
-    pose, _ = resect(points, rays)
-    camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
-    options = pycolmap.AbsolutePoseRefinementOptions(
-        loss_function_scale=NOISE, gradient_tolerance=1e-12
-    )
-    start = pycolmap.Rigid3d(pycolmap.Rotation3d(TRUTH[:3, :3]), TRUTH[:3, 3])
-    refined = pycolmap.refine_absolute_pose(
-        start, rays, points, np.ones(len(points), dtype=bool), camera, options
-    )
-    np.testing.assert_allclose(pose[:3], refined["cam_from_world"].matrix(), atol=2e-4)
 
 
 def test_too_few_or_random_points_have_no_pose() -> None:

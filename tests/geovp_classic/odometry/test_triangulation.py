@@ -1,7 +1,6 @@
 """Points from several views, exact and against pycolmap."""
 
 import numpy as np
-import pycolmap
 
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.triangulation import reprojection_errors, triangulate
@@ -28,17 +27,6 @@ def test_triangulation_is_exact_without_noise_and_needs_two_views() -> None:
     triangulated = triangulate(rays, POSES)
     assert np.isnan(triangulated[0]).all()
     np.testing.assert_allclose(triangulated[1:], points[1:], rtol=1e-6, atol=1e-6)
-
-
-def test_triangulation_agrees_with_pycolmap() -> None:
-    _, rays = scene(4, 20)
-    directions = np.concatenate([rays, np.ones((4, 20, 1))], axis=-1)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    expected = [
-        pycolmap.triangulate_multi_view_point(list(POSES[:, :3]), directions[:, n])
-        for n in range(20)
-    ]
-    np.testing.assert_allclose(triangulate(rays, POSES), np.reshape(expected, (20, 3)), rtol=1e-5)
 
 
 def test_points_have_the_least_squared_errors() -> None:
