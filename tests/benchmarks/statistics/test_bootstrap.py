@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
+from geovp_benchmarks.results.score_names import UNBOUNDED
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap, Groups
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.statistics.score import sequences_of
 from geovp_classic.types import FloatArray
 
@@ -167,3 +169,28 @@ class TestStandardError:
         half = error * stats.t(degrees).ppf((1 + level) / 2)
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert found.effective_clips == pytest.approx(count / tau)
+
+
+def test_the_slowest_cosine_of_a_sequence_is_its_mean() -> None:
+    """Two sequences of four values are 1 and -1, with a squared cosine of 4 each.
+
+    Of two cosines each, less one for the mean of all, 8 / 3 is the variance; over eight values.
+    """
+    values = np.repeat([[1.0, -1.0]], 4, axis=1)
+    groups = Groups.of(np.repeat([0, 1], 4), 3)
+    (error,), (degrees,) = BlockBootstrap().standard_error(values, groups, np.ones(1))
+    assert (error, degrees) == (pytest.approx(np.sqrt(8 / 3 / 8)), 3)
+
+
+def test_scores_together_have_the_intervals_of_each_alone() -> None:
+    noise = np.random.default_rng(0).normal(size=36)
+    alternating = np.tile([1.0, -1.0], 18)
+    missing = np.where(np.arange(36) < 5, np.nan, noise)
+    rows = np.stack([noise, np.cumsum(noise), alternating, np.full(36, 2.0), missing])
+    together = Intervals().intervals(rows, clips(36), [UNBOUNDED] * 5)
+    for score, row in zip(together, rows, strict=True):
+        alone = Intervals().interval(row, clips(36))
+        for name in ("mean", "low", "high", "mean_error", "effective_clips", "p_value", "clips"):
+            assert getattr(score, name) == pytest.approx(getattr(alone, name)), name
+    # alternating values have no slow changes: 0.6 standard errors at least
+    assert together[2].mean_error == pytest.approx(0.6 * np.sqrt(36 / 35) / 6)
