@@ -163,7 +163,7 @@ class Doctor:
         """
         numbers = scan.posed
         count = len(scan.images)
-        longest = int(np.diff([0, *scan.breaks, len(numbers)]).max())
+        max_length = int(np.diff([0, *scan.breaks, len(numbers)]).max())
         # poses of all images, of some or of none
         if scan.world_from_cam is None and count and is_readable:
             findings.add(
@@ -185,10 +185,10 @@ class Doctor:
                 f"{len(scan.breaks) + 1} unbroken pieces are left",
                 severity="warning",
             )
-        if longest == 1 and is_readable:
+        if max_length == 1 and is_readable:
             findings.add(
                 folder,
-                f"has no two images in a row{' with poses' if longest < count else ''}: a clip "
+                f"has no two images in a row{' with poses' if max_length < count else ''}: a clip "
                 "needs 2 or more, to observe and to predict",
             )
         if scan.depths is not None and None in scan.depths:
