@@ -125,7 +125,8 @@ def words(text: str, max_splits: int = 0) -> list[str]:
 
 def parse_numbers(text: str, *counts: int) -> FloatArray:
     """Return the finite numbers of a line, as many as one of `counts`; BadData otherwise."""
-    for word in words(text):
+    numbers = words(text)
+    for word in numbers:
         try:
             number = float(word)
         except ValueError:
@@ -133,7 +134,7 @@ def parse_numbers(text: str, *counts: int) -> FloatArray:
         # nanoseconds since 1970 are below 2^63; float() accepts 1_0 for 10
         if not abs(number) < 2.0**63 or not word.isascii() or "_" in word:
             raise BadData(f"{word[:40]!r} is not a finite number")
-    if len(words(text)) not in counts:
+    if len(numbers) not in counts:
         expected = " or ".join(map(str, counts))
-        raise BadData(f"{len(words(text))} numbers, expected {expected}")
-    return np.array(words(text), np.float64)
+        raise BadData(f"{len(numbers)} numbers, expected {expected}")
+    return np.array(numbers, np.float64)

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Protocol
 import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
@@ -144,30 +144,25 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool) -> tuple[Size,
     a truncated image in grey.
     """
     what = f"{path} cannot be decoded as an image"
-    with files.checked(what, "restore or shrink it"):
-        try:
-            image = Image.open(file)
-        except UnidentifiedImageError:  # its text holds an address
-            raise ValueError("it has no known format") from None
-        with image:
-            size_px = image.size
-            if math.prod(size_px) > MAX_PIXELS:
-                raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
-            # Pillow would decode a PNG to look for EXIF data behind its pixels
+    with files.checked(what, "restore or shrink it"), Image.open(file) as image:
+        size_px = image.size
+        if math.prod(size_px) > MAX_PIXELS:
+            raise ValueError(f"it has more than {MAX_PIXELS:,} pixels")
+        # Pillow would decode a PNG to look for EXIF data behind its pixels
+        orientation = 1
+        if image.format != "PNG" or "exif" in image.info:
+            orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
+        if image.format == "TIFF":  # Pillow and OpenCV turn it upright
+            if orientation != 1 and not is_upright:
+                raise ValueError(f"its pixels are turned by EXIF orientation {orientation}")
             orientation = 1
-            if image.format != "PNG" or "exif" in image.info:
-                orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
-            if image.format == "TIFF":  # Pillow and OpenCV turn it upright
-                if orientation != 1 and not is_upright:
-                    raise ValueError(f"its pixels are turned by EXIF orientation {orientation}")
-                orientation = 1
-            # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at
-            # an eighth of its size
-            if image.format in ("PNG", "WEBP"):
-                image.verify()
-            else:
-                image.draft("RGB", (1, 1))
-                image.load()
+        # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
+        # eighth of its size
+        if image.format in ("PNG", "WEBP"):
+            image.verify()
+        else:
+            image.draft("RGB", (1, 1))
+            image.load()
     is_turned = is_upright and orientation in range(2, 9)
     return size_px, orientation if is_turned else 1
 
