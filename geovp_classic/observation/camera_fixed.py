@@ -47,6 +47,7 @@ class CameraFixedDetection:
     min_motion_px: float = 3.0  # of the rest of the image, from the first to the last frame
     min_evident_fraction: float = 0.002  # of the cells, in each region
     max_still_change: float = 4.0  # grey values, standard deviation without texture
+    max_fraction: float = 0.5  # of the image; where more stays in place, the camera does
     # of the outline of a region without texture that is evident or a border
     min_enclosed_fraction: float = 0.75
 
@@ -89,6 +90,8 @@ class CameraFixedDetection:
             return nothing
         cells = is_region[regions]
         mask = self._pixels(edges, cells)
+        if mask.mean() > self.max_fraction:
+            return nothing
         mask = cv2.resize(mask.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
         return mask > 0
 

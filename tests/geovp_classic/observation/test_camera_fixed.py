@@ -127,6 +127,16 @@ def test_a_stationary_camera_and_few_frames_give_no_evidence(street: Clip) -> No
     assert not detected(frames[:3]).any()
 
 
+def test_a_stationary_camera_behind_a_passing_bus_has_no_mask(street: Clip) -> None:
+    """Most of the image stays in place: it is the street."""
+    frames = np.repeat(street.frames[:1], 10, axis=0)
+    bus = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
+    bus = cv2.resize(bus, (140, 100), interpolation=cv2.INTER_NEAREST)
+    for step, frame in enumerate(frames):
+        frame[60:160, 4 * step : 4 * step + 140] = bus
+    assert not detected(frames).any()
+
+
 def test_a_time_stamp_leaves_the_window_whole_and_has_no_corners(street: Clip) -> None:
     box, digits = stamp()
     frames = painted(painted(street.frames, box, (20, 20, 20)), digits, (240, 240, 240))
