@@ -4,7 +4,8 @@ The study follows Hendrycks & Dietterich 2019: a row per corruption and severity
 source and renderer. Values are the mean PSNR over steps and clips, minus that of copying the
 corrupted last frame. Lasting corruptions (noise, a hood) also apply to the real future; transient
 ones (a black frame) do not. Pose sources: recorded poses (true), odometry with the motion prior
-(vo), both refined. Renderers: depth fusion of the crop and of the full frames, and planes.
+(vo), both refined. Renderers: depth fusion of the crop and of the full frames, and planes. As in
+the predictor `default`, the hindcast may show image motion or the last frame instead.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.rendering.source import Source, resampled
 from geovp_classic.types import (
     Clip,
@@ -97,6 +99,7 @@ def methods() -> dict[str, GeometricPredictor]:
         f"{source} {renderer}": GeometricPredictor(
             registry.build("pose_sources", {"name": "refined", "source": sources[source]}),
             registry.build("renderers", renderers[renderer]),
+            hindcast=Hindcast(),
         )
         for source in sources
         for renderer in renderers
