@@ -30,6 +30,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m geovp_learned", description="Train the learned parts."
     )
     verbs = parser.add_subparsers(required=True)
+
+    # Train a method by a config, whose settings the options replace
     train = verbs.add_parser("train", help="train a method")
     train.set_defaults(run=_train, limit_seconds=math.inf)
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
@@ -52,6 +54,8 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--resume", action="store_true", help="go on with the run in the folder, if there is one"
     )
+
+    # Convert the authors' files
     convert = verbs.add_parser(
         "convert",
         help="convert the authors' weights; nothing in their file is executed",
@@ -61,6 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("file", type=Path, metavar="FILE", help="as the authors publish it")
     convert.add_argument("--method", required=True, choices=("synsin", "svg", "srvp", "slamp"))
     convert.add_argument("--out", type=Path, help="default: FILE with the ending .safetensors")
+
+    # Describe a weights file
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.set_defaults(run=_card)
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
