@@ -149,8 +149,9 @@ class Multiview:
         inverse_depth = fill_from_background(inverse_depth, ~is_wrong)
 
         # Clouds have arbitrary depths. Sky is what infinity explains about as well, up to the
-        # upper border.
-        inverse_depth[upper_part(lead_over_infinity < self.max_sky_lead)] = 0
+        # upper border; planes beside infinity explain as well what is just far.
+        is_sky = upper_part(lead_over_infinity < self.max_sky_lead)
+        inverse_depth[is_sky & (levels > self.aggregation.num_neighbours)] = 0
         return inverse_depth, confidence.astype(np.float32)
 
 

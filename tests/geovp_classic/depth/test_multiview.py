@@ -119,7 +119,8 @@ def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not(observe:
     sky[:] = np.rint(220 + noise)
     context = dataclasses.replace(context, frames=frames)
     inverse_depth, _ = estimate(context, past)
-    assert (inverse_depth[:30, 40:-40] == 0).all()
+    # Planes beside infinity, which are beyond 200 m, remain.
+    assert inverse_depth[:30, 40:-40].max() < 1 / 200
     beside = np.s_[:30, :24]
     assert np.median(np.abs(inverse_depth[beside] / truth[-1][beside] - 1)) < 0.05
     assert (inverse_depth[beside] > 0).all()
