@@ -3,20 +3,19 @@
 Drives are streamed through the live predictor. At a frame's arrival, the present is the frame some
 tenths of a second later: shown are the late frame, the late frame shifted by the yaw since then,
 extrapolated optical flow, and live views with the forecast motion, with commanded speeds and yaw
-rates (the recorded ones with a constant error in each latency), and with the recorded motion. The
-last tables show what lost frames and jitter cost the forecast views.
+rates (the recorded ones with a constant error in each latency), and with the recorded motion.
 """
 
 import argparse
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from geovp.display.channel import Channel
+from geovp.drawing.page import Page
 from geovp.progress import tracked
 from geovp_benchmarks.cli.options import number, option
 from geovp_benchmarks.statistics.intervals import Intervals
@@ -26,7 +25,6 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.streaming import Command, LivePredictor
 from geovp_classic.types import ByteArray, Clip, Context, FloatArray
-from studies._figures import panels
 
 
 @dataclass(frozen=True)
@@ -56,37 +54,26 @@ ARGUMENTS = {
 
 
 def run(args: argparse.Namespace) -> Iterator[str]:
-    """Yield tables over the latency and over faults of the channel; draw the first metric."""
+    """Yield tables over the latency; draw the first metric."""
     spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
     spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
     dataset = registry.build("datasets", spec)
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
 
     setup = Setup(stride=args.every)
-    channels = {
-        "clean": Channel(),
-        "5 % lost": Channel(loss=0.05),
-        "100 ms jitter": Channel(jitter_s=0.1),
-    }
-
-    def scored(frames: ByteArray, real: ByteArray) -> FloatArray:
-        return np.array([metric(frames, real, None) for metric in metrics.values()])
-
-    # Views of each method at each latency, and of the whole channel with its faults.
-    scores, channel_scores = defaultdict(list), defaultdict(list)  # by method, and by channel
+    # Views of each method at each latency.
+    scores: defaultdict[str, list[FloatArray]] = defaultdict(list)
     names: list[str] = []
     warned = []
     for index in tracked(range(len(dataset))):
         clip = dataset[index]
         for views, real, fraction in presents(clip, setup):
             for method, frames in views.items():
-                scores[method].append(scored(frames, real))
+                of_metrics = [metric(frames, real, None) for metric in metrics.values()]
+                scores[method].append(np.array(of_metrics))
             names.append(f"{clip.name}/{len(names)}")
             warned.append(fraction)
-        for name, channel in channels.items():
-            present, real = received(clip, setup, replace(channel, seed=index))
-            channel_scores[name].append(scored(present, real))
-    # Means over the drives, gains over the late image, and the faults of the channel.
+    # Means over the drives, and gains over the late image.
     values = {method: np.array(each) for method, each in scores.items()}
     yield f"{len(names)} presents of {len(dataset)} drives; the live views are replaced by the "
     yield f"late image, with a warning, in {100 * np.mean(warned):.1f} % of the forecasts"
@@ -100,12 +87,6 @@ def run(args: argparse.Namespace) -> Iterator[str]:
         yield from grid([head, *rows])
     yield ""
     yield from gains(values, names, list(metrics), setup)
-    yield ""
-    rows = [
-        [name, *(f"{mean:.4g}" for mean in np.concatenate(each, axis=1).mean(axis=1))]
-        for name, each in channel_scores.items()
-    ]
-    yield from grid([["channel at 0.5 s", *metrics], *rows])
     if args.plot is not None:
         means = {method: each[:, 0].mean(axis=0) for method, each in values.items()}
         draw(args.plot, means, next(iter(metrics)), setup)
@@ -197,24 +178,15 @@ def shifted(frame: ByteArray, left_px: float) -> ByteArray:
     return np.asarray(ndimage.shift(frame, (0, -left_px, 0), order=1, mode="nearest"))
 
 
-def received(clip: Clip, setup: Setup, channel: Channel) -> tuple[ByteArray, ByteArray]:
-    """Return forecast views [N, H, W, 3] over a channel with faults, and the real frames."""
-    live = LivePredictor(clip.intrinsics, clip.camera_height_m)
-    views, real = [], []
-    for step, (frame, now_s) in enumerate(zip(clip.frames, clip.times_s, strict=True)):
-        channel.send(step, frame, now_s, now_s)
-        for sent in channel.receive(now_s):
-            live.push(sent.frame, sent.time_s)
-        if step >= 2 * setup.num_warm_up and step % setup.stride == 0:
-            views.append(live.view(now_s).frame)
-            real.append(frame)
-    return np.stack(views), np.stack(real)
-
-
 def draw(path: Path, means: Mapping[str, FloatArray], metric: str, setup: Setup) -> None:
     """Draw the means [latency] of a metric for each method."""
-    with panels(path, (9.5, 3.6), 1) as (axes,):
-        for method, row in means.items():
-            axes.plot(np.array(setup.latencies) / 10, row, marker="o", markersize=3, label=method)
-        axes.set_xlabel("latency (s)")
-        axes.set_ylabel(metric.upper())
+    page = Page("latency")
+    (axes,) = page.add_axes(9.5, 3.6)
+    latencies_s = np.array(setup.latencies) / 10
+    lines = {
+        method: axes.plot(latencies_s, row, marker="o", markersize=3)[0]
+        for method, row in means.items()
+    }
+    axes.set(xlabel="latency (s)", ylabel=metric.upper())
+    page.add_legend(lines)
+    page.write(path)

@@ -6,7 +6,6 @@ those of images of 256 rows.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import cv2
 import numpy as np
@@ -25,22 +24,17 @@ class Corruption:
     severities: int = 4
 
 
-def _scale(frames: ByteArray, factor: float, offset: float = 0.0) -> None:
+def _scale(frames: ByteArray, factor: float) -> None:
     for frame in frames:
-        cv2.convertScaleAbs(frame, frame, factor, offset)
+        cv2.convertScaleAbs(frame, frame, factor)
 
 
-def _darken(
-    frames: ByteArray,
-    severity: int,
-    factors: tuple[float, ...] = (0.7, 0.5, 0.25, 0.1),
-    first: int = 0,
-) -> None:
-    _scale(frames[first:], factors[severity])
+def _dim(frames: ByteArray, severity: int) -> None:
+    _scale(frames, (0.5, 0.25, 0.1, 0.05)[severity])
 
 
-def _low_contrast(frames: ByteArray, severity: int) -> None:
-    _scale(frames, (0.5, 0.25, 0.1, 0.05)[severity], 100)
+def _darker_last(frames: ByteArray, severity: int) -> None:
+    _scale(frames[9:], (0.7, 0.5, 0.25, 0.1)[severity])
 
 
 def _flicker(frames: ByteArray, severity: int) -> None:
@@ -64,12 +58,6 @@ def _hood(frames: ByteArray, severity: int) -> None:
     frames[:, top:] = 40  # brighter than a bar
 
 
-def _bars(frames: ByteArray, severity: int) -> None:
-    """Add black bars above and below (letterboxing)."""
-    rows = round(frames.shape[1] * (0.04, 0.08, 0.12, 0.2)[severity])
-    frames[:, :rows] = frames[:, -rows:] = 0
-
-
 def _rain(frames: ByteArray, severity: int) -> None:
     height, width = frames.shape[1:3]
     for step, frame in enumerate(frames):
@@ -87,9 +75,9 @@ def _tilt(frames: ByteArray, severity: int) -> None:
         frame[:] = cv2.warpAffine(frame, turn, (width, height), borderMode=cv2.BORDER_REFLECT)
 
 
-def _flat(frames: ByteArray, severity: int, grey: int) -> None:
-    """Replace 1, 2, 3 or 5 frames by a uniform image."""
-    frames[5 - severity : 6 + severity // 3] = grey
+def _blank(frames: ByteArray, severity: int) -> None:
+    """Replace 1, 2, 3 or 5 frames by a black image."""
+    frames[5 - severity : 6 + severity // 3] = 0
 
 
 def _mirrored_start(frames: ByteArray, severity: int) -> None:
@@ -139,12 +127,6 @@ def _swap(frames: ByteArray, severity: int) -> None:
         frames[[step, step + 1]] = frames[[step + 1, step]]
 
 
-def _pattern(frames: ByteArray, severity: int) -> None:
-    side = max(1, round((4, 8, 16, 32)[severity] * frames.shape[1] / 256))
-    v, u = np.indices(frames.shape[1:3]) // side
-    frames[:] = (40 + 160 * ((u + v) % 2))[..., None]
-
-
 def _camera(
     change: Callable[[Intrinsics, Intrinsics, int], Intrinsics],
 ) -> Callable[[Context, int], Context]:
@@ -166,9 +148,8 @@ def _focal(camera: Intrinsics, crop: Intrinsics, severity: int) -> Intrinsics:
 
 
 def _centre(camera: Intrinsics, crop: Intrinsics, severity: int) -> Intrinsics:
-    tangent = (
-        (0.05, 0.1, 0.2, 0.4)[severity] * crop.cx_px / crop.fx_px
-    )  # of the same angle for both
+    # the same angle for the crop and the full frame
+    tangent = (0.05, 0.1, 0.2, 0.4)[severity] * crop.cx_px / crop.fx_px
     return replace(camera, cx_px=camera.cx_px + tangent * camera.fx_px)
 
 
@@ -181,22 +162,18 @@ def _jittered_times(context: Context, severity: int) -> Context:
 
 CORRUPTIONS = {
     "none": Corruption(severities=1),
-    "black frames": Corruption(partial(_flat, grey=0)),
-    "white frames": Corruption(partial(_flat, grey=255)),
+    "black frames": Corruption(_blank),
     "repeated frames": Corruption(_repeat),
     "swapped frames": Corruption(_swap),
     "another scene before": Corruption(_mirrored_start),
     "one blurred frame": Corruption(_blur),
     "noise": Corruption(_noise),
     "rain": Corruption(_rain),
-    "dim": Corruption(partial(_darken, factors=(0.5, 0.25, 0.1, 0.05))),
-    "low contrast": Corruption(_low_contrast),
-    "darker from frame 5 on": Corruption(partial(_darken, first=5)),
-    "darker from the last frame on": Corruption(partial(_darken, first=9)),
+    "dim": Corruption(_dim),
+    "darker from the last frame on": Corruption(_darker_last),
     "flicker": Corruption(_flicker),
     "tilt": Corruption(_tilt, crop_from_full=True),
     "hood": Corruption(_hood),
-    "black bars": Corruption(_bars),
     "lorry ahead": Corruption(_lorry),
     "wrong focal length": Corruption(context=_camera(_focal)),
     "wrong principal point": Corruption(context=_camera(_centre)),
@@ -204,5 +181,4 @@ CORRUPTIONS = {
     "stationary": Corruption(is_stationary=True, severities=1),
     "stationary with noise": Corruption(_noise, is_stationary=True),
     "stationary behind a bus": Corruption(_bus, is_stationary=True),
-    "stationary before a pattern": Corruption(_pattern, is_stationary=True),
 }

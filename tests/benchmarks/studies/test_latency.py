@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import street
 
-from geovp.display.channel import Channel
 from geovp_classic.geometry import planar
 from geovp_classic.streaming.commands import commanded_poses
 from geovp_classic.types import Clip
@@ -46,11 +45,3 @@ def test_recorded_commands_lead_to_the_recorded_pose(clip: Clip) -> None:
 def test_the_late_image_is_shifted_against_the_turn(clip: Clip) -> None:
     frame = clip.frames[0]
     np.testing.assert_array_equal(latency.shifted(frame, 3.0)[:, :-3], frame[:, 3:])
-
-
-@pytest.mark.parametrize("channel", [Channel(loss=0.05), Channel(jitter_s=0.1)])
-def test_views_over_a_bad_channel_are_those_of_the_present(clip: Clip, channel: Channel) -> None:
-    views, real = latency.received(clip, latency.Setup(stride=8), channel)
-    late = clip.frames[24 - 5 : len(clip) - 5 : 8]
-    error, late_error = (np.abs(frames.astype(float) - real).mean() for frames in (views, late))
-    assert error < 0.7 * late_error
