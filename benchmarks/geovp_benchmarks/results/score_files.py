@@ -71,17 +71,20 @@ class NewestRecords(dict[str, ScoreRecord]):
                     newest[clip] = record
         return newest
 
+    def stated(self, name: str) -> dict[str, Any]:
+        """Return the values of a field that records state by clip, for the clips that have one."""
+        by_clip = {clip: getattr(record, name) for clip, record in self.items()}
+        return {clip: values[clip] for clip, values in by_clip.items() if clip in values}
+
     @property
     def failures(self) -> dict[str, Failure]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
-        records = self.items()
-        return {clip: record.failures[clip] for clip, record in records if clip in record.failures}
+        return self.stated("failures")
 
     @property
     def shown_by(self) -> dict[str, str]:
         """Return what clips are shown by, where a predictor states it."""
-        records = self.items()
-        return {clip: record.shown_by[clip] for clip, record in records if clip in record.shown_by}
+        return self.stated("shown_by")
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -111,11 +114,7 @@ class NewestRecords(dict[str, ScoreRecord]):
                 peak_memory_mb=group.peak_memory_mb,
                 failures=group.failures,
                 shown_by=group.shown_by,
-                digests={
-                    clip: record.digests[clip]
-                    for clip, record in group.items()
-                    if clip in record.digests
-                },
+                digests=group.stated("digests"),
                 written_ns=max(record.written_ns for record in group.values()),
             )
             for group in groups.values()
@@ -162,44 +161,34 @@ class ScoreFiles:
         return facts
 
     def scores(
-        self, records: Mapping[str, NewestRecords], clips: Sequence[str]
+        self,
+        records: Mapping[str, NewestRecords],
+        clips: Sequence[str],
+        steps: Sequence[int] = (),  # the first and the last; empty: all scores
     ) -> dict[str, Scores]:
-        """Return all scores of these clips by method."""
-        self._select(records, clips)
-        columns = self._database.execute(  # clip, sample and step in one number: lists are slow
-            "SELECT method, metric, max(sample) + 1, max(step), "
-            "list((number::BIGINT * 1000000 + sample) * 1000000 + step - 1), "
-            "list(coalesce(value, 'nan')) FROM selected GROUP BY ALL ORDER BY ALL"
-        ).fetchnumpy()
-        grid = len(clips), 10**6, 10**6
-        by_method: dict[str, dict[str, FloatArray]] = {}
-        for method, metric, samples, steps, places, values in zip(*columns.values(), strict=True):
-            scores = np.full((len(clips), samples, steps), np.nan)
-            scores[np.unravel_index(places, grid)] = values
-            by_method.setdefault(method, {})[metric] = scores
-        return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
-
-    def means(
-        self, records: Mapping[str, NewestRecords], clips: Sequence[str], steps: tuple[int, ...]
-    ) -> dict[str, dict[str, FloatArray]]:
-        """Return means from the first to the last of `steps` [N, S] by method and metric.
+        """Return all scores of these clips by method, or their means from one step to another.
 
         The database reduces the steps: those of many samples would fill the memory.
         """
         self._select(records, clips)
-        columns = self._database.execute(
-            "SELECT method, metric, max(sample) + 1, list(number::BIGINT * 1000000 + sample), "
-            "list(coalesce(mean, 'nan')) FROM (SELECT method, metric, number, sample, "
-            "avg(value) AS mean FROM selected WHERE step BETWEEN $1 AND $2 GROUP BY ALL) "
-            "GROUP BY ALL ORDER BY ALL",
-            steps,
+        rows = "selected"
+        if steps:
+            rows = (
+                "(SELECT method, metric, number, sample, 1 AS step, avg(value) AS value "
+                f"FROM selected WHERE step BETWEEN {steps[0]} AND {steps[1]} GROUP BY ALL)"
+            )
+        columns = self._database.execute(  # clip, sample and step in one number: lists are slow
+            "SELECT method, metric, max(sample) + 1, max(step), "
+            "list((number::BIGINT * 1000000 + sample) * 1000000 + step - 1), "
+            f"list(coalesce(value, 'nan')) FROM {rows} GROUP BY ALL ORDER BY ALL"
         ).fetchnumpy()
+        grid = len(clips), 10**6, 10**6
         by_method: dict[str, dict[str, FloatArray]] = {}
-        for method, metric, samples, places, values in zip(*columns.values(), strict=True):
-            means = np.full((len(clips), samples), np.nan)
-            means[np.unravel_index(places, (len(clips), 10**6))] = values
-            by_method.setdefault(method, {})[metric] = means
-        return by_method
+        for method, metric, samples, last, places, values in zip(*columns.values(), strict=True):
+            scores = np.full((len(clips), samples, last), np.nan)
+            scores[np.unravel_index(places, grid)] = values
+            by_method.setdefault(method, {})[metric] = scores
+        return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""

@@ -144,35 +144,27 @@ class Results:
 
     def scores(self, method: str) -> Scores:
         """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-        self._check_damage(method)
-        scores = self.select()._all_scores()
-        return scores.get(method, Scores(self.protocol()["clips"], {}))
-
-    def _check_damage(self, method: str) -> None:
-        for path in self._score_files.damaged:
-            if path.parent in (self.root / "scores", self.root / method / "scores"):
-                raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
+        return self._scores_of(method)
 
     def means(
         self, method: str, last_step: int | None = None, first_step: int = 1
     ) -> dict[str, FloatArray]:
         """Return means over all or some steps [N, S] of the protocol's clips by metric."""
-        self._check_damage(method)
-        return self.select()._all_means(first_step, last_step or 10**6).get(method, {})
+        scores = self._scores_of(method, first_step, last_step or 10**6)
+        return {metric: values[..., 0] for metric, values in scores.values.items()}
+
+    def _scores_of(self, method: str, *steps: int) -> Scores:
+        for path in self._score_files.damaged:
+            if path.parent in (self.root / "scores", self.root / method / "scores"):
+                raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
+        return self.select()._all_scores(*steps).get(method, Scores(self.protocol()["clips"], {}))
 
     @_remembered
-    def _all_means(self, *steps: int) -> dict[str, dict[str, FloatArray]]:
-        means: dict[str, dict[str, FloatArray]] = {}
-        for group in self._groups():
-            means |= self._score_files.means(group, self.protocol()["clips"], steps)
-        return means
-
-    @_remembered
-    def _all_scores(self) -> dict[str, Scores]:
-        """Return the scores of all methods."""
+    def _all_scores(self, *steps: int) -> dict[str, Scores]:
+        """Return the scores of all methods, or their means from one step to another."""
         scores: dict[str, Scores] = {}
         for group in self._groups():
-            scores |= self._score_files.scores(group, self.protocol()["clips"])
+            scores |= self._score_files.scores(group, self.protocol()["clips"], steps)
         return scores
 
     def _groups(self) -> list[dict[str, NewestRecords]]:
