@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_classic import registry
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.types import Clip
 
 
 @dataclass(frozen=True)
@@ -40,15 +38,6 @@ class Comparison:
             errors = [self.error(solve()) for solve in (self.ours, self.rival)]
             line += f"; errors {errors[0]:.2g} and {errors[1]:.2g} {self.unit}"
         return line
-
-
-def read_clip(kitti: tuple[str, str] | None, **fields: Any) -> Clip:
-    """Return a clip of the synthetic street, or of KITTI by root and sequence."""
-    spec: dict[str, Any] = {"name": "synthetic"}
-    if kitti is not None:
-        spec = {"name": "kitti", "root": kitti[0], "sequences": [kitti[1]]}
-    clip: Clip = registry.build("datasets", spec | fields)[0]
-    return clip
 
 
 def cpu_s(work: Callable[[], Any]) -> float:

@@ -1,29 +1,26 @@
 """All measurements of speed as sections of a page, or one of them.
 
 `PYTHONPATH=benchmarks python -m performance [--only SECTION] [--rounds N] [--kitti ROOT SEQUENCE]`
-on a quiet machine. Times are CPU times of all threads, but for `live`. With an empty
-`NUMBA_CACHE_DIR`, the first round of a clip includes the compilation that follows an installation.
+on a quiet machine. Times are CPU times of all threads, but for `live`.
 """
 
 import argparse
 from collections.abc import Sequence
 
 from geovp_benchmarks.cli.options import add_options, option
-from performance import clip, libraries, live, splat
+from performance import libraries, live, splat
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the sections."""
     sections = {
-        "clip": lambda args: clip.lines(args.rounds, args.kitti, "crop"),
-        "full-clip": lambda args: clip.lines(args.rounds, args.kitti, "full"),
         "live": lambda args: live.lines(10 * args.rounds, args.kitti),
         "rendering": lambda args: [splat.comparison().line(args.rounds)],
         "solvers": lambda args: [each.line(args.rounds) for each in libraries.problems()],
     }
     parser = argparse.ArgumentParser(
         prog="PYTHONPATH=benchmarks python -m performance",
-        description="Processing time of a clip, and of our code next to named rivals.",
+        description="Processing time of a live prediction, and of our code next to named rivals.",
     )
     options = {
         "--only SECTION": option("Section. Default: all.", choices=sections),

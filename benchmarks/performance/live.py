@@ -5,17 +5,21 @@ after each; tracking and reconstruction dominate.
 """
 
 import time
+from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks.running.profiling import peak_mb
+from geovp_classic import registry
 from geovp_classic.streaming import LivePredictor
-from performance import read_clip
 
 
 def lines(num_frames: int, kitti: tuple[str, str] | None, num_warm_up: int = 20) -> list[str]:
     """Return the medians of all stages in wall clock, after the warm-up."""
-    clip = read_clip(kitti, num_frames=num_warm_up + num_frames)
+    spec: dict[str, Any] = {"name": "synthetic"}
+    if kitti is not None:
+        spec = {"name": "kitti", "root": kitti[0], "sequences": [kitti[1]]}
+    clip = registry.build("datasets", {**spec, "num_frames": num_warm_up + num_frames})[0]
     live = LivePredictor(clip.intrinsics, clip.camera_height_m)
     seconds: list[dict[str, float]] = []
     for frame, time_s in zip(clip.frames, clip.times_s, strict=True):

@@ -6,24 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.pose_sources.chained import Chained
-from geovp_classic.pose_sources.refined import Refined
-from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.renderers.depth_fusion import DepthFusion
-from performance import Comparison, clip, libraries, live, splat
+from performance import Comparison, libraries, live, splat
 from performance.__main__ import main
-
-
-def test_the_stages_of_a_clip_give_the_prediction_of_the_predictor() -> None:
-    method = clip.predictor("crop")
-    assert method == GeometricPredictor(Refined(Chained()), DepthFusion())
-    context, _ = Synthetic(num_clips=1, size_px=(96, 96))[0].split(10, method.needs)
-    prediction, seconds = clip.stages(method, context)
-    expected = method.predict(context)
-    np.testing.assert_allclose(prediction.frames.astype(int), expected.frames, atol=1)
-    assert list(seconds) == ["observe", "estimate", "reconstruct", "show"]
-    assert min(seconds.values()) >= 0
 
 
 def test_a_live_frame_is_the_sum_of_its_stages() -> None:
