@@ -7,6 +7,7 @@ replaced and the other tasks go on.
 import functools
 import itertools
 import multiprocessing
+import operator
 import os
 import queue
 import signal
@@ -17,9 +18,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent import futures
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -75,8 +76,14 @@ class Executor(Protocol):
         """Return a pool whose processes are prepared once, and that ends tasks at the limit."""
 
 
-class ThisProcess:
-    """Pool that computes a task when it is submitted."""
+@dataclass(frozen=True)
+class Serial:
+    """One task after the other, in this process, without a time limit."""
+
+    @contextmanager
+    def open(self, limit: TimeLimit, prepare: Prepare) -> Iterator[Pool]:
+        """Yield the pool."""
+        yield self
 
     def submit(self, function: Callable[[Any], Any], task: Any) -> futures.Future[Any]:
         """Return the finished result."""
@@ -93,16 +100,6 @@ class ThisProcess:
 
 
 @dataclass(frozen=True)
-class Serial:
-    """One task after the other, in this process, without a time limit."""
-
-    @contextmanager
-    def open(self, limit: TimeLimit, prepare: Prepare) -> Iterator[Pool]:
-        """Yield the pool."""
-        yield ThisProcess()
-
-
-@dataclass(frozen=True)
 class Processes:
     """Several processes on this machine, which divide its cores and GPUs."""
 
@@ -112,8 +109,7 @@ class Processes:
     def open(self, limit: TimeLimit, prepare: Prepare) -> Iterator[Pool]:
         """Yield the pool."""
         num_threads = max(1, (os.cpu_count() or 1) // self.workers)
-        workers = [Worker(num_threads, limit, prepare) for _ in range(self.workers)]
-        pool = WorkerPool(workers)
+        pool = WorkerPool([Worker(num_threads, limit, prepare) for _ in range(self.workers)])
         try:
             yield pool
         finally:  # files are renamed into place: none is left half written
@@ -128,26 +124,15 @@ class Worker:
         self.limit = limit
         self.prepare = prepare
         self.is_closed = False
-        self._pool: futures.ProcessPoolExecutor | None = None
         self._process: Any = None
 
     def compute(self, function: Callable[[Any], Any], task: Any) -> Any:
         """Return the result of a task; raise Lost if the process dies or exceeds the limit."""
-        limit_s: float | None = None  # once it is exceeded
-        try:
-            if self._process is None or not self._process.is_alive():
-                self._start()
-            assert self._pool is not None
-            start_s = time.monotonic()
-            future = self._pool.submit(function, task)
-            while not futures.wait([future], 0.2).done and limit_s is None:
-                if time.monotonic() - start_s > self.limit.now_s():
-                    limit_s = self.limit.now_s()
-                    self._process.kill()
-                    self._process.join()
-            result = future.result()
-        except BrokenProcessPool as error:
-            raise Lost(self._reason(limit_s)) from error
+        if self._process is None or not self._process.is_alive():
+            self._start()
+            self._ask(operator.call, self.prepare, lambda: self.limit.first_s)
+        start_s = time.monotonic()
+        result = self._ask(function, task, self.limit.now_s)
         self.limit.taken_s.append(time.monotonic() - start_s)
         return result
 
@@ -156,35 +141,37 @@ class Worker:
         self.is_closed = True
         if self._process is not None:
             self._process.kill()
-        if self._pool is not None:
-            self._pool.shutdown()
 
     def _start(self) -> None:
         if self.is_closed:
             raise Lost("the run has ended")
-        if self._pool is not None:
-            self._pool.shutdown()
-        self._process = None
         context = multiprocessing.get_context("spawn")
-        self._pool = futures.ProcessPoolExecutor(1, context, begin_worker, (self.num_threads,))
-        number = self._pool.submit(os.getpid).result()
-        (self._process,) = (
-            each for each in multiprocessing.active_children() if each.pid == number
-        )
-        preparing = self._pool.submit(self.prepare)
-        if futures.wait([preparing], self.limit.first_s).not_done:
-            self._process.kill()
-        preparing.result()
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=work, args=(theirs, self.num_threads))
+        self._process.start()
+        theirs.close()  # so that the pipe ends with the process
 
-    def _reason(self, limit_s: float | None) -> str:
-        if limit_s is not None:
-            return f"it took longer than the time limit of {limit_s:.3g} s"
-        if self._process is None:
-            return "its process could not start"
-        self._process.join(10)
-        code = self._process.exitcode or 0
-        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return f"its process died ({how}); SIGKILL often means that memory ran out"
+    def _ask(self, function: Callable[[Any], Any], task: Any, limit_s: Callable[[], float]) -> Any:
+        """Return what the process answers within the limit, which may change meanwhile."""
+        start_s = time.monotonic()
+        try:
+            self._pipe.send((function, task))
+            while not self._pipe.poll(0.2):
+                if time.monotonic() - start_s > limit_s():
+                    self._process.kill()
+                    self._process.join()
+                    raise Lost(f"it took longer than the time limit of {limit_s():.3g} s")
+            result, error = self._pipe.recv()
+        except (EOFError, OSError) as problem:
+            self._process.join(10)
+            code = self._process.exitcode or 0
+            how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            raise Lost(
+                f"its process died ({how}); SIGKILL often means that memory ran out"
+            ) from problem
+        if error is not None:
+            raise error
+        return result
 
 
 class WorkerPool:
@@ -339,11 +326,20 @@ def completed(
             future.result()  # raises its error
 
 
-def begin_worker(num_threads: int) -> None:
-    """Limit the threads of libraries, and end the worker when the run ends."""
+def work(pipe: Connection, num_threads: int) -> None:
+    """Compute the tasks that come through a pipe, until it ends with the run."""
     limit_libraries(num_threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError):
+        while True:
+            function, task = pipe.recv()
+            result = failure = None
+            try:
+                result = function(task)
+            except Exception as error:
+                failure = error
+            pipe.send((result, failure))
 
 
 def limit_libraries(num_threads: int) -> None:
