@@ -1,8 +1,7 @@
-"""Error budget of a method, and sensitivity of its renderer to errors of the poses."""
+"""Error budget of a method: changes of its scores with stages from ground truth."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,11 +16,7 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.types import ByteArray, FloatArray, PrivilegedInput
-
-# Returns predicted and real frames [N, H, W, 3] of a variant, which is any value that can be a key.
-Predict = Callable[[OracleClip, Any], tuple[ByteArray, ByteArray]]
-Pairs = dict[str, dict[str, tuple[Any, Any]]]  # variants before and after, by row and column
+from geovp_classic.types import FloatArray, PrivilegedInput
 
 
 @dataclass(frozen=True)
@@ -42,8 +37,8 @@ class MeasuredMethod:
         return [step for step in (0, 4, 9, 14, 19) if step < self.matrix.num_future]
 
     def score(
-        self, variants: Iterable[Any], predict: Predict
-    ) -> tuple[dict[Any, FloatArray], list[str], list[str]]:
+        self, variants: Iterable[Oracles]
+    ) -> tuple[dict[Oracles, FloatArray], list[str], list[str]]:
         """Return scores [metrics, clips] by variant, the clips, and why variants are impossible.
 
         Scores of an impossible variant are NaN. Raises Incompatible if all are, on all clips.
@@ -58,7 +53,7 @@ class MeasuredMethod:
             oracle = OracleClip(self.predictor, clip, self.matrix.num_past, self.steps)
             for variant, values in scores.items():
                 try:
-                    frames = predict(oracle, variant)
+                    frames = oracle.frames(variant)
                     means = [metric(*frames, None).mean() for metric in self.metrics.values()]
                     values[:, number] = means
                 except Incompatible as error:
@@ -66,50 +61,6 @@ class MeasuredMethod:
         if reasons and np.isnan([*scores.values()]).all():
             raise Incompatible(reasons[0])
         return scores, names, [*dict.fromkeys(reasons)]
-
-    def change_tables(
-        self,
-        pairs: Pairs,
-        levels: Mapping[str, Any],  # variants
-        predict: Predict,
-        notes: Iterable[str] = (),
-    ) -> list[Table]:
-        """Return the paired changes per metric, with the mean scores of `levels` in the title.
-
-        Raises Incompatible if all variants are impossible on all clips.
-        """
-        # Scores of all variants, each computed once per clip.
-        variants = (variant for row in pairs.values() for pair in row.values() for variant in pair)
-        scores, names, reasons = self.score(variants, predict)
-        horizons = ", ".join(str(step + 1) for step in self.steps)
-        title = (
-            f"{self.label}: {len(names)} clips of {self.dataset.name}, "
-            f"every {self.matrix.stride} frames, horizons {horizons}"
-        )
-        kind = (
-            "[low, high]: 95 % interval of the mean over clips, by Student's t over drives if "
-            "there are eight or more, else by block bootstrap over the clips of these drives"
-        )
-        # A table per metric: paired changes between the two variants of each cell.
-        tables, intervals = [], Intervals()
-        for number, (name, metric) in enumerate(self.metrics.items()):
-            decimals = 2 if metric.unit == "dB" else 4
-            columns = [Column(key, key, None, decimals) for key in next(iter(pairs.values()))]
-            rows = []
-            for label, row in pairs.items():
-                changes = {
-                    key: intervals.interval(scores[after][number] - scores[before][number], names)
-                    for key, (before, after) in row.items()
-                }
-                rows.append(Row(label, changes, num_clips=len(names)))
-            means = ", ".join(
-                f"{label} {np.nanmean(scores[variant][number]):.{decimals}f}"
-                for label, variant in levels.items()
-            )
-            heading = f"{title}: change of {name.upper()} ({metric.unit or 1}), {means}"
-            lines = [*notes, *reasons, *self.unavailable, kind]
-            tables.append(Table(name, heading, columns, rows, lines, has_differences=True))
-        return tables
 
 
 def read_method(
@@ -141,7 +92,7 @@ def read_method(
 
 
 def error_budget(method: MeasuredMethod) -> list[Table]:
-    """Return the changes of all metrics by stage.
+    """Return the paired changes by stage, in a table per metric.
 
     *Alone* replaces one stage of the forecast, *one by one* adds stages from top to bottom, so
     that the changes add up, and *without* removes one stage from the truth.
@@ -153,8 +104,9 @@ def error_budget(method: MeasuredMethod) -> list[Table]:
     if clip.moving is None:
         missing["dynamic objects"] = "masks of dynamic objects, as synthetic clips have"
     stages = [stage for stage in STAGES if stage not in missing]
+    # The variants before and after each change, each scored once per clip.
     nothing, everything = Oracles(), Oracles(stages)
-    pairs: Pairs = {}
+    pairs: dict[str, dict[str, tuple[Oracles, Oracles]]] = {}
     for number, stage in enumerate(stages):
         before = Oracles(stages[:number])
         pairs[stage] = {
@@ -162,31 +114,34 @@ def error_budget(method: MeasuredMethod) -> list[Table]:
             "one by one": (before, before | {stage}),
             "without": (everything, everything - {stage}),
         }
-    notes = [f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()]
-    levels = {"forecast": nothing, "truth": everything}
-    return method.change_tables(pairs, levels, OracleClip.frames, notes)
-
-
-def pose_sensitivity(method: MeasuredMethod) -> list[Table]:
-    """Return the changes of all metrics by offset; raise Incompatible without metric poses."""
-    exact = (0.0,) * 6
-    pairs: Pairs = {label: {"change": (exact, offset)} for label, offset in offsets().items()}
-    notes = ["a change is the mean of those by the offset and by its opposite"]
-    return method.change_tables(pairs, {"no offset": exact}, OracleClip.moved_frames, notes)
-
-
-def offsets(
-    angles_deg: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0),
-    shifts_m: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.5),
-) -> dict[str, tuple[float, ...]]:
-    """Return twists [6] of the future camera in metres and radians, by axis and size.
-
-    Positive ones are shifts to the right, down and forward; turns up, to the right and clockwise.
-    """
-    twists = {}
-    for number, axis in enumerate(("x", "y", "z", "pitch", "yaw", "roll")):
-        unit, sizes = ("m", shifts_m) if number < 3 else ("deg", angles_deg)
-        for size in sizes:
-            amount = size if unit == "m" else np.radians(size)
-            twists[f"{axis} {size:g} {unit}"] = tuple(amount * np.eye(6)[number])
-    return twists
+    variants = (variant for row in pairs.values() for pair in row.values() for variant in pair)
+    scores, names, reasons = method.score(variants)
+    notes = [
+        *(f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()),
+        *reasons,
+        *method.unavailable,
+        "[low, high]: 95 % interval of the mean over clips, by Student's t over drives if there "
+        "are eight or more, else by block bootstrap over the clips of these drives",
+    ]
+    title = (
+        f"{method.label}: {len(names)} clips of {method.dataset.name}, every "
+        f"{method.matrix.stride} frames, horizons {', '.join(str(k + 1) for k in method.steps)}"
+    )
+    tables, intervals = [], Intervals()
+    for number, (name, metric) in enumerate(method.metrics.items()):
+        decimals = 2 if metric.unit == "dB" else 4
+        columns = [Column(key, key, None, decimals) for key in pairs[stages[0]]]
+        rows = []
+        for stage, row in pairs.items():
+            changes = {
+                key: intervals.interval(scores[after][number] - scores[before][number], names)
+                for key, (before, after) in row.items()
+            }
+            rows.append(Row(stage, changes, num_clips=len(names)))
+        forecast, truth = (np.nanmean(scores[each][number]) for each in (nothing, everything))
+        heading = (
+            f"{title}: change of {name.upper()} ({metric.unit or 1}), forecast "
+            f"{forecast:.{decimals}f}, truth {truth:.{decimals}f}"
+        )
+        tables.append(Table(name, heading, columns, rows, notes, has_differences=True))
+    return tables

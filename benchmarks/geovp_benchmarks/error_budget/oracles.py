@@ -19,7 +19,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.depth.given import Given
@@ -87,18 +86,6 @@ class OracleClip:
             frames = np.where(self.target.moving[steps][..., None], real, frames)
         return frames, real
 
-    def moved_frames(self, twist: tuple[float, ...]) -> tuple[ByteArray, ByteArray]:
-        """Return frames from true poses moved by a twist [6] and its opposite, and real frames.
-
-        Raises Incompatible without metric poses.
-        """
-        if not self.truth.past.is_metric:
-            raise Incompatible(f"{self.context.name} has no metric poses: offsets are in metres")
-        signed = np.outer([-1, 1], twist)
-        frames = [self.view(Oracles(STAGES[:7]), each).frames for each in signed]
-        real = self.target.frames[self.steps]
-        return np.concatenate(frames), np.concatenate([real, real])
-
     def motion(self, oracles: Oracles) -> Motion:
         """Return the motion with these stages from ground truth."""
         truth = last_from_future(self.truth)
@@ -126,9 +113,9 @@ class OracleClip:
         past = self.motion(oracles).past
         return renderer.reconstruct(self.context.only(renderer.needs), past)
 
-    def view(self, oracles: Oracles, twist: npt.ArrayLike = (0.0,) * 6) -> Views:
-        """Render the scored steps, with each camera moved by a twist [6]."""
-        poses = self.motion(oracles).futures[0, self.steps] @ se3.exp(np.array(twist))
+    def view(self, oracles: Oracles) -> Views:
+        """Render the scored steps."""
+        poses = self.motion(oracles).futures[0, self.steps]
         times_s = self.context.times_s[self.context.num_past + self.steps]
         scene = self.scene(oracles & {"past", "depth"})
         return scene.view(poses, times_s, self.context.intrinsics)
