@@ -12,7 +12,6 @@ import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.matrix import CONFIGS
-from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix
 
@@ -99,18 +98,6 @@ class TestRun:
 
 @pytest.mark.usefixtures("toys")
 class TestScore:
-    def test_kept_predictions_are_scored_again_beside_the_stored_rows(
-        self, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        printed(*run(tmp_path, "--keep", "all"))
-        monkeypatch.chdir(tmp_path / "out")
-        printed("rescore", ".")  # the folder one stands in
-        before, after = Results(tmp_path / "out"), Results(tmp_path / "out-rescored")
-        for method in ("steady--slide", "still"):
-            assert rows(after.root, method) == rows(before.root, method)
-            assert after.by_name()[method].scored.peak_memory_mb == 0  # nothing was predicted
-        assert before.root.joinpath("still/method.json").exists()
-
     def test_with_other_metrics_and_the_clips_that_were_kept(
         self, tmp_path: Path, printed: Says
     ) -> None:

@@ -26,8 +26,7 @@ from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from tests.benchmarks.conftest import Command
-from tests.benchmarks.made import STILL, content, write_matrix
+from tests.benchmarks.made import STILL, content
 
 CLIPS = 5
 MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
@@ -71,24 +70,6 @@ class TestRuns:
         assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
         _, done = go(tmp_path, caplog, is_fresh=True)
         assert done == [0]
-
-    def test_the_command_says_so_in_one_sentence(
-        self, tmp_path: Path, edit: Callable[[str], None], command: Command
-    ) -> None:
-        order = [
-            "run",
-            write_matrix(tmp_path / "m.toml", MATRIX),
-            "--out",
-            tmp_path / "r",
-            "--no-report",
-        ]
-        edit("before")
-        assert "another version" not in command(*order).err
-        edit("after")
-        ended = command(*order)
-        assert ended.code == 0
-        assert "geovp: 1 of 1 methods have scores of another version of the code" in ended.err
-        assert "another version" not in command(*order, "--fresh").err
 
 
 class TestCode:

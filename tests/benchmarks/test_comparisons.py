@@ -93,8 +93,6 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert ("good", "psnr") in table.marked
     assert ("same", "psnr") not in table.marked
     text = formats.markdown(table).splitlines()
-    assert any("95 % interval of the mean paired difference" in line for line in text)
-    assert any(line.startswith("- *: p < .05 after Holm's procedure") for line in text)
     assert row_of(text, "good")[2].startswith("+1.0")
     assert "*" in row_of(text, "good")[2]
     assert "*" not in row_of(text, "same")[2]
@@ -109,19 +107,10 @@ def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> 
     assert row_of(lines(results), "short")[1].startswith("15")
 
 
-def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:
-    base = next(one for one in tables.build(results)[0].rows if one.label == "base").scores["psnr"]
-    text = formats.markdown(tables.build(results)[0]).splitlines()
-    assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
-    assert any("block bootstrap" in line for line in text)
-    assert any(line.startswith("- Bold: ") for line in text)
-    smooth = {
-        (clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)
-    }  # neighbours are alike
+def test_tables_say_what_the_clips_are_worth(results: Results) -> None:
+    """Neighbours of a smooth curve are alike."""
+    smooth = {(clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)}
     write(results, "base", smooth)
-    text = formats.markdown(tables.build(results)[0]).splitlines()
-    assert any("(n) behind the clips" in line for line in text)
-    few = row_of(text, "base")[1]
-    clips, worth = few.rstrip(")").split(" (")
+    clips, worth = row_of(lines(results), "base")[1].rstrip(")").split(" (")
     assert clips == "30"
     assert int(worth) < 10

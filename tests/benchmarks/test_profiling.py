@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.running import profiling
 from geovp_benchmarks.running.profiling import Usage
 
 LARGE_MB = 300
@@ -18,19 +17,6 @@ on_linux = pytest.mark.skipif(
 def hold(megabytes: int) -> int:
     """Take so much memory, every page of it, and let it go."""
     return int(np.ones(megabytes * 2**20, np.uint8)[-1])
-
-
-def peak_of(megabytes: int) -> float:
-    assert profiling.reset_peak()
-    hold(megabytes)
-    return profiling.peak_mb()
-
-
-@on_linux
-def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> None:
-    small_before, large, small = (peak_of(megabytes) for megabytes in (1, LARGE_MB, 1))
-    assert large - small == pytest.approx(LARGE_MB - 1, abs=20)
-    assert small == pytest.approx(small_before, abs=20)
 
 
 @on_linux

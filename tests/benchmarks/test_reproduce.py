@@ -14,7 +14,6 @@ from geovp_benchmarks.matrix import papers, schema
 from geovp_benchmarks.results.store import Results
 from geovp_classic.atomic import write_bytes
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.geometry import pinhole
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_images
 
@@ -131,26 +130,3 @@ def test_svg18_runs_on_a_folder_of_extracted_videos(tmp_path: Path, printed: Say
     text = printed("reproduce", "svg18", *options, "--no-report")
     assert "Not comparable yet: the protocol has 256 clips" in text
     assert "| SLAMP" in text
-
-
-def test_cityscapes_at_the_protocols_size(
-    tmp_path: Path,
-    write_cityscapes: Callable[..., Path],
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Nothing is changed by options: 1024x512 pixels, and the published rows below."""
-    small = Synthetic(num_clips=1, num_frames=14, size_px=(256, 256))[0]
-    frames = np.stack([pinhole.resize(frame, (1024, 1024)) for frame in small.frames])
-    camera = small.intrinsics.resized(1024, 1024)
-    clip = dataclasses.replace(small, frames=frames, intrinsics=camera, depths=None, moving=None)
-    write_cityscapes(tmp_path / "data", "lindau_000000_000019", clip)
-    out = tmp_path / "out"
-    args = ["--root", str(tmp_path / "data"), "--out", str(out), "--methods", "copy-last"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)
-        patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
-        assert cli.main(["reproduce", "fvs20-cityscapes", *args]) == 0
-    assert Results(out).protocol()["size_px"] == [1024, 512]
-    lines = capsys.readouterr().out.splitlines()
-    rows = {line.split("|")[1].strip() for line in lines if line.startswith("|")}
-    assert {"copy-last", "DMVFN", "FVS", "Motion Graph"} <= rows

@@ -72,19 +72,15 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
     ("old", "new", "says"),
     [
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
-        ('"copy-last" }', '"copy-lst" }', "did you mean 'copy-last'?"),
         ("/images", "/nowhere", "nowhere"),
         ("[32, 32]", "[32, 16]", "expected a square"),
         ("copy-last = {", f"{'x' * 300} = {{", "should match pattern"),
-        ("[32, 32]", "[30000, 30000]", "expected less than"),
-        ("num_past = 3", "num_past = 1000000000", "expected less than"),
         (
             "intrinsics = [40",
             "intrinsics = [nan",
             "not JSON compliant",
         ),
         ("stride = 3", f"stride = {'9' * 30}", "expected less than"),
-        ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "expected a valid integer"),
         ("stride = 3", f"stride = {'[' * 2000}{']' * 2000}", "is not TOML"),
     ],
 )
@@ -177,17 +173,6 @@ def hold(root: Path, seconds: float) -> subprocess.Popen[str]:
     return process
 
 
-def test_a_lock_ends_with_its_process(street: Path, printed: Says) -> None:
-    out = street.parent / "out"
-    printed(*run(street))
-    before = rows(out, "copy-last")
-    with hold(out, 60) as other:
-        other.kill()
-    printed(*run(street), "--set", "protocol.num_past=2")
-    printed(*run(street))
-    assert rows(out, "copy-last") == before
-
-
 def test_a_second_run_waits_for_the_first(street: Path, command: Command, printed: Says) -> None:
     printed(*run(street))
     with hold(street.parent / "out", 3) as other:
@@ -195,17 +180,6 @@ def test_a_second_run_waits_for_the_first(street: Path, command: Command, printe
         assert ended.code == 0
         assert "waiting for another run in" in ended.err
         assert other.wait() == 0
-
-
-def test_scratch_files_of_killed_runs_are_removed(street: Path, printed: Says) -> None:
-    out = street.parent / "out"
-    left = [out / "copy-last/scores/.a.1.part", out / "clips/.b.1.part"]
-    for path in left:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(b"half")
-        os.utime(path, (0, 0))  # of long ago
-    printed(*run(street))
-    assert not any(path.exists() for path in left)
 
 
 def test_what_was_damaged_is_named_set_aside_and_computed_again(

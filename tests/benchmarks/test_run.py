@@ -11,7 +11,6 @@ from geovp_benchmarks import plots, report
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Processes
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
-from geovp_benchmarks.running.task import BuiltMatrix
 from geovp_benchmarks.tables import tables
 from geovp_classic.errors import GeovpError
 from tests.benchmarks.made import STILL, content, crossed, go, rows, values
@@ -32,23 +31,6 @@ class TestRows:
         assert values(tmp_path, "a--r", "toy-difference@covered") == [1.0, 2.0] * 5
         assert values(tmp_path, "a--r", "coverage") == [0.5] * 10
         np.testing.assert_allclose(values(tmp_path, "a--r", "toy-gap"), [0.5, 1.0] * 5)
-
-    def test_all_masks_are_scored_together(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        metrics = {
-            "frame": ["toy-difference", {"name": "toy-together", "log": str(log)}],
-            "trajectory": [],
-        }
-        go(
-            tmp_path / "out",
-            content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")),
-        )
-        # four methods that show the same images: all pixels, covered, seen, disoccluded
-        assert log.read_text().split() == ["over-4"] * 4
-        for method in ("a--r", "b--q"):
-            for suffix in ("", "@covered", "@seen", "@disoccluded"):
-                together = values(tmp_path / "out", method, f"toy-together{suffix}")
-                assert together == values(tmp_path / "out", method, f"toy-difference{suffix}")
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
@@ -118,45 +100,6 @@ class TestAgain:
         assert rows(tmp_path, "still") == first
         assert len(Results(tmp_path).clips().read("road/000").frames) == 5
         assert len(log.read_text().split()) == 3 * tried
-
-    def test_a_clip_in_front_recomputes_no_other(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        log = tmp_path / "log"
-        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        with monkeypatch.context() as patched:  # as if the first clip were not there yet
-            names = property(lambda built: built.dataset.clip_names[1:])
-            patched.setattr(BuiltMatrix, "clip_names", names)
-            patched.setattr(BuiltMatrix, "clip", lambda built, i, name: built.dataset[i + 1])
-            go(tmp_path, tables, keep="0")
-        assert len(rows(tmp_path, "still")) == 4 * 2
-        go(tmp_path, tables, keep="0")
-        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
-        assert [row["clip"] for row in rows(tmp_path, "still")][::2] == [
-            f"road/00{index}" for index in range(5)
-        ]
-        assert len(log.read_text().split()) == 5
-
-    def test_a_lost_file_is_made_again(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        go(tmp_path, tables, keep="0")
-        before = rows(tmp_path, "still")
-        (file,) = (tmp_path / "still/scores").glob("part-*.parquet")  # merged
-        file.unlink()
-        go(tmp_path, tables, keep="0")
-        assert rows(tmp_path, "still") == before
-        assert len(log.read_text().split()) == 5 + 5
-
-    def test_a_limited_run_shows_fewer_clips_and_loses_none(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
-        assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
-        assert go(tmp_path, tables)["still"].num_clips == 5
-        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
-        assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
-        assert go(tmp_path, tables)["still"].num_clips == 5
-        assert len(log.read_text().split()) == 5  # none was computed again
 
     def test_a_new_metric_is_computed_and_a_changed_one_again(self, tmp_path: Path) -> None:
         tables = content(predictors=STILL)

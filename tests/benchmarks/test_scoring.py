@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Scores
 from geovp_benchmarks.results.stored_facts import title
-from geovp_benchmarks.running import scoring
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
@@ -87,15 +86,6 @@ def test_every_sample_is_stabilised_by_its_own_rotation() -> None:
         assert min(values(rows, "psnr-stabilised", sample)) > 42
 
 
-def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
-    clip, context = drive(), ScoredClip(drive(), PAST)
-    right = predicted(clip, 1.0)
-    lying = replace(right, motion=predicted(clip, 0.0).motion)
-    honest, false = (score(context, each, METRICS) for each in (right, lying))
-    assert values(honest, "psnr") == values(false, "psnr") == values(false, "psnr-stabilised")
-    assert min(values(honest, "psnr-stabilised")) > 42
-
-
 def content(**metrics: Any) -> dict[str, Any]:
     protocol = {
         "dataset": {"name": "synthetic"},
@@ -111,7 +101,7 @@ def test_a_matrix_names_the_column_of_a_stabilised_metric() -> None:
     psnr = {"name": "psnr", "ceiling_db": 60.0}
     frame = {"psnr": psnr, "psnr-stabilised": {"name": "stabilised", "metric": psnr}}
     parsed = schema.parse("m", content(frame=frame))
-    built = Metrics.build(parsed.frame_metrics, {}, (32, 32)).frame["psnr-stabilised"]
+    built = Metrics.build(parsed.metrics, (32, 32)).frame["psnr-stabilised"]
     assert built == Stabilised(Psnr(ceiling_db=60.0))
     assert title("psnr-stabilised") == "PSNR, stabilised"
 
@@ -228,16 +218,3 @@ def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) ->
         match=f"{futures} predicted futures for 3 samples, expected one each or one for all",
     ):
         score(ScoredClip(drive(), PAST), halves(3, [0.0] * futures), METRICS)
-
-
-def test_many_samples_are_scored_in_little_more_memory_than_few(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """What metrics freed is returned to the system now and then, not kept in pieces between the
-    scores.
-    """
-    metric, released = Brightness(), []
-    monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(len(metric.asked)))
-    score(ScoredClip(drive(), PAST), halves(12), Metrics({"grey": metric}, {}))
-    asked = len(metric.asked) // 12  # of each sample
-    assert released == [4 * asked, 9 * asked]

@@ -62,14 +62,6 @@ def test_figures_over_steps_leave_features_out(results: Results) -> None:
     assert horizon.metrics(Material(results, Options())) == ["toy-difference"]
 
 
-def test_differences_are_those_of_the_distances(results: Results) -> None:
-    against = tables.against(results, "still")
-    noise = against.rows[0].scores["fvd"]
-    main = tables.build(results)[0]
-    gap = main.rows[1].scores["fvd"].mean - 4.0
-    assert noise.mean == pytest.approx(gap)
-
-
 def test_kept_predictions_can_be_rescored(results: Results, tmp_path: Path) -> None:
     again = Results(tmp_path / "again")
     rescore(results, again, stored_metrics(results))

@@ -223,15 +223,6 @@ def test_a_column_that_repeats_another_is_left_out(tmp_path: Path) -> None:
     assert len(asked.columns) == 2
 
 
-def test_names_of_methods_are_explained_below_a_table(tmp_path: Path) -> None:
-    results = Results(tmp_path)
-    write_protocol(results, ["vo", "still"], "x", metrics={"psnr": METRICS["psnr"]})
-    spec = {"name": "chained", "odometry": {"name": "monocular", "scale": {"name": "ground-plane"}}}
-    for name, component in (("vo", spec), ("still", {"name": "still"})):
-        write(results, name, {("x", 0, "psnr"): 1.0}, components={"predictor": component})
-    assert "Methods: vo = chained (monocular (ground-plane))." in tables.build(results)[0].notes
-
-
 def test_files_follow_the_scores(results: Results) -> None:
     """LaTeX is written again where the numbers changed."""
     for psnr in (30.0, 31.0):

@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
-from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.tables import formats, published
 from tests.benchmarks.made import write_protocol, write_row
@@ -13,22 +10,6 @@ from tests.benchmarks.made import write_protocol, write_row
 def rows_of(text: str) -> list[list[str]]:
     lines = [line for line in text.splitlines() if line.startswith("|")]
     return [[entry.strip() for entry in line.strip("|").split("|")] for line in lines]
-
-
-@pytest.mark.parametrize("name", ["thesis", "thesis-colour"])
-def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) -> None:
-    own = schema.read(Path(name))
-    samples = {(own.predictors[method.name].name, method.num_samples) for method in own.methods}
-    assert {
-        (name, count) for name in ("svg-tiny", "srvp-tiny", "slamp-tiny") for count in (1, 100)
-    } <= samples
-    sources = [
-        entry.spec["pose_source"]["name"]
-        for entry in own.predictors.values()
-        if "pose_source" in entry.spec
-    ]
-    refined = ["refined"] * 4  # the rows of fusion without any true pose
-    assert sources[:7] == ["deepvo-small", "planar", "ground-truth", *refined]
 
 
 def test_the_best_of_several_samples_does_not_compete_with_single_predictions(

@@ -41,9 +41,6 @@ def run(args: argparse.Namespace) -> LinesAndCode:
         if matrix is None:
             metrics = stored_metrics(results)
         else:
-            size_px = results.protocol()["size_px"]
-            metrics = Metrics.build(
-                matrix.frame_metrics, matrix.trajectory_metrics, size_px, sets=matrix.set_metrics
-            )
+            metrics = Metrics.build(matrix.metrics, results.protocol()["size_px"])
     rescore(results, output, metrics)
     return (yield from conclude(output))

@@ -118,6 +118,11 @@ class Matrix(ProtocolTable, ComponentTables):
         methods = {method.label: method for method in (*geometric, *predictors)}
         return tuple(methods[label] for label in self.selected or methods)
 
+    @property
+    def metrics(self) -> dict[str, Specs]:
+        """Return the metrics by role."""
+        return {role: getattr(self, f"{role}_metrics") for role in ("frame", "trajectory", "set")}
+
     def _num_samples(self, entry: Component) -> int:
         """Return the number of samples that an entry is asked for."""
         num_samples = entry.num_samples or self.num_samples

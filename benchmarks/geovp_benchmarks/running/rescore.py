@@ -17,9 +17,7 @@ def stored_metrics(results: Results) -> Metrics:
     for name, about in protocol["metrics"].items():
         if "asked" in about:
             specs[about["role"]][name] = about["asked"]
-    return Metrics.build(
-        specs["frame"], specs["trajectory"], protocol["size_px"], sets=specs["set"]
-    )
+    return Metrics.build(specs, protocol["size_px"])
 
 
 def rescore(results: Results, output: Results, metrics: Metrics) -> None:

@@ -46,22 +46,15 @@ class Metrics:
     unavailable: dict[str, str] = field(default_factory=dict)  # why others cannot be computed here
 
     @classmethod
-    def build(
-        cls,
-        frame: Specs,
-        trajectory: Specs,
-        size_px: tuple[int, int],
-        *,
-        sets: Specs | None = None,
-    ) -> Self:
-        """Build metrics, and try each network once, since its weights may be missing.
+    def build(cls, asked: Mapping[str, Specs], size_px: tuple[int, int]) -> Self:
+        """Build metrics by role, and try each network once, since its weights may be missing.
 
         A wrong name or setting is raised.
         """
         # The asked metrics, each tried on a blank frame; why others cannot be computed is stored.
         blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
         metrics = cls({}, {})
-        for role, specs in (("frame", frame), ("trajectory", trajectory), ("set", sets or {})):
+        for role, specs in asked.items():
             for name, spec in specs.items():
                 metrics.about[name] = about = {"role": role, "asked": spec, "unavailable": None}
                 try_out = partial(_try_out, about=about, blank=blank)

@@ -74,12 +74,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     matrix = Matrix.model_validate_json(matrix_json)
     with on_device(matrix.device):
         components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
-        metrics = Metrics.build(
-            matrix.frame_metrics,
-            matrix.trajectory_metrics,
-            matrix.size_px,
-            sets=matrix.set_metrics,
-        )
+        metrics = Metrics.build(matrix.metrics, matrix.size_px)
     predictors: dict[str, Any] = {}
     needs = PrivilegedInput.NONE
     for method in matrix.methods:
@@ -122,10 +117,6 @@ class Task:
             digests={self.clip: self.digest} if self.digest else {},
             **facts,
         )
-
-
-class GivenUp(Exception):
-    """A prediction that is not tried, since its process was lost before."""
 
 
 def score_clip(task: Task) -> list[Scored]:
@@ -177,16 +168,16 @@ def _scored(task: Task) -> list[Scored]:
         context, _ = clip.clip.split(clip.num_past, predictor.needs)
         usage = Usage(steps)
         scoring = Usage(steps)  # its peak is the same for all methods
-        failures = {}
-        try:
-            if task.failure is not None:
-                raise GivenUp
-            prediction = _predict(predictor, method, context, clip, usage)
-            with scoring.measure("metrics"):
-                scores = score(clip, prediction, built.metrics)
+        failure = task.failure
+        if failure is None:
+            try:
+                prediction = _predict(predictor, method, context, clip, usage)
+                with scoring.measure("metrics"):
+                    scores = score(clip, prediction, built.metrics)
+            except Exception as error:  # of a component: the run continues
+                failure = Failure.of(error)
         # A copy of the last frame replaces a prediction that fails.
-        except Exception as error:  # of a component: the run continues
-            failures[task.clip] = task.failure or Failure.of(error)
+        if failure is not None:
             prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
             with suppress(Exception), scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
@@ -203,7 +194,7 @@ def _scored(task: Task) -> list[Scored]:
             seconds={**usage.seconds, **scoring.seconds},
             peak_memory_mb=usage.peak_mb,
             code=code_of(predictor),
-            failures=failures,
+            failures={task.clip: failure} if failure else {},
             facts={task.clip: facts} if scores.values else {},
             shown_by={task.clip: prediction.shown_by} if prediction.shown_by else {},
         )

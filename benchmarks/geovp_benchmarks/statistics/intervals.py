@@ -74,22 +74,24 @@ class Intervals:
         mean = float(finite.mean())  # of the drives' means by their lengths
         squares = float((weights**2).sum())
         variance = (weights**2 * (means - mean) ** 2).sum() / (1 - squares)
-        # Kish's effective number is that of drives for equally long ones
-        error, degrees = math.sqrt(variance), 1 / squares - 1
-        half = student_quantile(degrees, (1 + self.level) / 2) * error
-        low, high = np.clip([mean - half, mean + half], *bounds).tolist()
-        return Score(
+        score = Score(
             mean,
-            low,
-            high,
-            float(finite.std(ddof=1)) / math.sqrt(len(finite)),
-            len(finite),
-            float(len(means)),
-            values,
-            student_p_value(mean, error, degrees),
+            standard_error=float(finite.std(ddof=1)) / math.sqrt(len(finite)),
+            clips=len(finite),
+            effective_clips=float(len(means)),
+            values=values,
             is_over_drives=True,
-            mean_error=error,
-            degrees=degrees,
+        )
+        # Kish's effective number is that of drives for equally long ones
+        return self._by_student(score, math.sqrt(variance), 1 / squares - 1, bounds)
+
+    def _by_student(self, score: Score, error: float, degrees: float, bounds: Bounds) -> Score:
+        """Return a score with Student's interval and test for this error of its mean."""
+        half = student_quantile(degrees, (1 + self.level) / 2) * error
+        low, high = np.clip([score.mean - half, score.mean + half], *bounds).tolist()
+        p_value = student_p_value(score.mean, error, degrees)
+        return replace(
+            score, low=low, high=high, p_value=p_value, mean_error=error, degrees=degrees
         )
 
     def over_seeds(
@@ -102,34 +104,28 @@ class Intervals:
         score = self.interval(nanmean(seeds, axis=0), clips, bounds)
         return replace(self.widened(score, bounds, nanmean(seeds, axis=1)), seeds=seeds)
 
-    def difference(
+    def differences(
         self,
-        score: Score,
-        reference: Score,
+        pairs: Sequence[tuple[Score, Score]],
         clips: Sequence[str],
         bounds: Bounds = UNBOUNDED,
-    ) -> Score:
-        """Return the paired difference of a method from another; both may have training seeds."""
-        gap = self.interval(score.values - reference.values, clips, bounds)
-        return self._over_seeds_of(score, reference, gap, bounds)
-
-    def differences(
-        self, pairs: Sequence[tuple[Score, Score]], clips: Sequence[str]
+        *,
+        has_ends: bool = True,
     ) -> list[Score]:
-        """Return paired differences with their p-values, without the ends of intervals."""
+        """Return paired differences of methods from others, all of which may have training seeds.
+
+        Without `has_ends` they have p-values, but no interval.
+        """
         if not pairs:
             return []
         values = np.array([score.values - reference.values for score, reference in pairs])
-        gaps = self.intervals(values, clips, [UNBOUNDED] * len(pairs), has_ends=False)
-        return [
-            self._over_seeds_of(*pair, gap, UNBOUNDED)
-            for pair, gap in zip(pairs, gaps, strict=True)
-        ]
-
-    def _over_seeds_of(self, score: Score, reference: Score, gap: Score, bounds: Bounds) -> Score:
-        pairs = ((score.seeds, reference.values), (reference.seeds, score.values))
-        means = [nanmean(seeds - values, axis=1) for seeds, values in pairs if len(seeds)]
-        return self.widened(gap, bounds, *means)
+        gaps = self.intervals(values, clips, [bounds] * len(pairs), has_ends=has_ends)
+        differences = []
+        for (score, reference), gap in zip(pairs, gaps, strict=True):
+            sides = ((score.seeds, reference.values), (reference.seeds, score.values))
+            means = [nanmean(seeds - other, axis=1) for seeds, other in sides if len(seeds)]
+            differences.append(self.widened(gap, bounds, *means))
+        return differences
 
     def widened(self, score: Score, bounds: Bounds, *means_of_seeds: FloatArray) -> Score:
         """Return a score whose error includes the variance among training seeds.
@@ -142,18 +138,8 @@ class Intervals:
         variance = sum(part for part, _ in parts)
         if not means_of_seeds or not variance > 0:
             return score
-        error = math.sqrt(variance)
         degrees = variance**2 / sum(part**2 / freedom for part, freedom in parts)
-        half = student_quantile(degrees, (1 + self.level) / 2) * error
-        low, high = np.clip([score.mean - half, score.mean + half], *bounds).tolist()
-        return replace(
-            score,
-            low=low,
-            high=high,
-            p_value=student_p_value(score.mean, error, degrees),
-            mean_error=error,
-            degrees=degrees,
-        )
+        return self._by_student(score, math.sqrt(variance), degrees, bounds)
 
 
 def holm(scores: Sequence[Score], level: float = 0.05) -> list[bool]:

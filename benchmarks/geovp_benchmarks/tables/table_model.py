@@ -111,7 +111,7 @@ def best(
                 tested.append((row, better))
         # Nobody is better with p < .05 after Holm's procedure over the better means.
         pairs = [(rival, row.scores[key]) for row, better in tested for rival in better]
-        gaps = iter(Intervals().differences(pairs, clips))
+        gaps = iter(Intervals().differences(pairs, clips, has_ends=False))
         for row, better in tested:
             if not any(holm([next(gaps) for _ in better])):
                 bold.add((row.label, key))

@@ -1,5 +1,6 @@
 """Tables of a results folder: means, intervals, privileged inputs, and notes that explain them."""
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -82,18 +83,16 @@ def against(
         differences = {}
         for key in (column.key for column in columns if column.key in method.scores):
             bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            differences[key] = Intervals().difference(
-                method.scores[key], reference.scores[key], protocol["clips"], bounds
-            )
+            pairs = [(method.scores[key], reference.scores[key])]
+            [differences[key]] = Intervals().differences(pairs, protocol["clips"], bounds)
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
     # Stars and notes: which differences are significant, and which are not tested.
-    starred = {
-        (label, column.key)
-        for column in columns
-        if column.key not in exact
-        for label in significant(methods, column.key)
-    }
+    starred = set()
+    for key in (column.key for column in columns if column.key not in exact):
+        tested = [method for method in methods if key in method.scores]
+        is_significant = holm([method.scores[key] for method in tested])
+        starred.update((method.label, key) for method in itertools.compress(tested, is_significant))
     few = sorted({score.effective_clips for m in methods for score in m.scores.values()})[:1]
     notes = ["*: p < .05 after Holm's procedure over the methods."] * bool(starred)
     if few and few[0] < 8:
@@ -104,13 +103,6 @@ def against(
     heading = f"{protocol['name']}: differences from {name}"
     table = Table("against", heading, columns, methods, marked=starred, has_differences=True)
     return explained(table, results, notes)
-
-
-def significant(methods: Sequence[Row], key: str) -> list[str]:
-    """Return the labels of methods whose difference in a column is significant."""
-    tested = [method for method in methods if key in method.scores]
-    marks = holm([method.scores[key] for method in tested])
-    return [method.label for method, mark in zip(tested, marks, strict=True) if mark]
 
 
 def _main_table(

@@ -52,15 +52,6 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     assert (naive < 0.82) == (correlation == 0.5)
 
 
-def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
-    values = (
-        np.random.default_rng(4).normal(size=10).repeat(2)
-    )  # neighbours are equal; of each pair one a sequence
-    together, _ = autocorrelation_time(values, np.arange(20))
-    apart, _ = autocorrelation_time(values, np.arange(0, 20, 2), np.arange(1, 20, 2))
-    assert apart < together
-
-
 def test_the_autocorrelation_time_of_known_processes() -> None:
     # AR(1): (1 + r) / (1 - r) = 3; moving average of 6 values: 6
     noise = np.random.default_rng(5)
@@ -71,14 +62,6 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
         values = lfilter(*filters, noise.normal(size=4000))
         tau, _ = autocorrelation_time(values, np.arange(4000))
         assert tau == pytest.approx(expected, rel=0.25)
-
-
-def test_a_difference_that_is_always_there_is_not_zero() -> None:
-    noise = np.random.default_rng(2).normal(size=30)
-    sure = BlockBootstrap(1 - 1e-4)
-    assert sure.interval(0.1 * noise + 1, clips(30)).low > 0
-    small = BlockBootstrap(0.1).interval(noise - noise.mean(), clips(30))
-    assert small.low < 0 < small.high
 
 
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:

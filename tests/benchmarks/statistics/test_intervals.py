@@ -45,16 +45,6 @@ def test_fewer_than_eight_drives_have_the_block_bootstrap() -> None:
     assert Intervals().interval(values, clips(*[7] * 8)).is_over_drives
 
 
-def test_intervals_over_drives_hold_the_mean_of_other_drives() -> None:
-    """With a drive effect, 95 % of 200 draws are 190, with a standard deviation of 3."""
-    names, rng, hits = clips(*[20] * 10), np.random.default_rng(2), 0
-    for _ in range(200):
-        values = np.repeat(0.3 * rng.normal(size=10), 20) + rng.normal(size=200)
-        score = Intervals().interval(values, names)
-        hits += score.low <= 0 <= score.high
-    assert 180 <= hits <= 199
-
-
 def test_drives_of_different_length_count_by_their_clips() -> None:
     """Means 0 of seven drives of a clip and 1 of one of seven: the mean over clips is 1/2.
 

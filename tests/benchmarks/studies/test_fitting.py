@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 pytest.importorskip("torch", reason="torch is not installed: fits need the extra 'learned'")
 
@@ -13,11 +12,11 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import kalman as shipped
 from geovp_classic.forecasting import motion_network, motion_prior
-from geovp_classic.forecasting.body_motion import BodyMotion, over_plane
+from geovp_classic.forecasting.body_motion import BodyMotion
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 from studies import command_line
-from studies.fitting import body_motion, kalman, windows
+from studies.fitting import kalman, windows
 from studies.fitting import motion_prior as fitting
 from studies.fitting.motion_prior import Ensemble, PriorFit
 from studies.fitting.windows import STEP_S, drivable_steps
@@ -55,16 +54,6 @@ def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
     assert usable[211:].all()
 
 
-def test_training_windows_avoid_undrivable_steps() -> None:
-    rates = twists(120)
-    complete, _ = windows.cut(drive(rates), stride=1)
-    rates[60, 2] += 1.2  # two accelerations of 11.6 m/s^2
-    partial, _ = windows.cut(drive(rates), stride=1)
-    # Of the first half, without mirror images, 9 + 21 windows contain a step, one more its neighbour.
-    assert (len(complete) - len(partial)) / 2 == 9 + 21 + 1
-    np.testing.assert_allclose(partial[0], complete[0])
-
-
 def test_undrivable_poses_are_rejected() -> None:
     rates = twists(200)
     rates[::8, 2] += 3
@@ -85,23 +74,6 @@ def test_training_windows_of_a_circle_are_its_states() -> None:
     np.testing.assert_allclose(states[1][:, -1, 0], -expected[0], atol=1e-6)
 
 
-def test_augmented_windows_are_scaled_stationary_noisy_or_short() -> None:
-    steady = np.tile([0.0, 0.0, 10.0, 0.0, 0.1, 0.0], (4000, 9, 1))
-    past, states = windows.augmented((steady, np.ones((4000, 21, 6))), np.random.default_rng(0))
-    scale = states[:, 0, 1]
-    is_moving = scale > 0
-    assert is_moving.mean() == pytest.approx(0.97, abs=0.01)
-    assert (scale == 1).mean() == pytest.approx(0.6 * 0.97, abs=0.03)
-    assert 0.8 < scale[is_moving].min() < scale.max() < 2.3
-    np.testing.assert_array_equal(states[is_moving, 0, 2], 1.0)  # the same turns
-    forward, yaw = past[..., 2], past[..., 4]
-    np.testing.assert_allclose(np.median(forward[scale == 1]), 10.0, atol=0.01)
-    is_noisy = np.ptp(yaw[is_moving], axis=1) > 0
-    assert is_noisy.mean() == pytest.approx(0.5, abs=0.04)
-    is_short = (past[:, 0] == past[:, 1]).all(axis=1)[is_moving][is_noisy]
-    assert is_short.mean() == pytest.approx(0.25 * 8 / 9, abs=0.04)
-
-
 def test_a_prior_survives_a_file(tmp_path: Path) -> None:
     roads = [windows.cut(drive(twists(160, seed))) for seed in range(2)]
     fitted = SMALL.fit(roads)
@@ -113,61 +85,6 @@ def test_a_prior_survives_a_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.central_paths(past), fitted.central_paths(past), atol=1e-4)
     paths = motion_prior.path_mixture(again, past[:1], STEP_S * np.arange(1, 22))
     assert np.isfinite(paths.covariances).all()
-
-
-def test_a_mixture_has_the_spread_of_its_errors() -> None:
-    """Deviations of two amounts: after fast pasts ten times as large as after slow ones."""
-    rng = np.random.default_rng(0)
-    speed = np.repeat([2.0, 12.0], 3000)
-    past = np.zeros((6000, 9, 6))
-    past[..., 2] = speed[:, None]
-    past += 0.01 * rng.standard_normal(past.shape)
-    paths = np.zeros((6000, 21, 3))
-    paths[..., 1] = speed[:, None] * STEP_S * np.arange(1, 22)
-    amount = np.where(speed > 5, 1.0, 0.1) * rng.standard_normal(6000)
-    deviations = amount[:, None, None] * np.linspace(0, 1, 21)[:, None] * [0.5, 1.0, 0.05]
-    centre = motion_prior.load(None)
-    small = replace(SMALL, depth=1, spread=Ensemble(1, 16, 800, dropout=0.0))
-    fitted = small.fit_spread(centre, past, paths, deviations)
-    for number, expected_m in ((0, 0.1), (5999, 1.0)):
-        weights, means, spreads = fitted.modes(past[number, None], paths[number, None])
-        second = weights @ (means**2 + spreads**2)
-        along_m = np.sqrt(second[0]) * np.abs(fitted.basis[-1, 1, 0])
-        assert along_m == pytest.approx(expected_m, rel=0.3)
-
-
-def shaken(seed: int, pitch_rad: float) -> Trajectory:
-    """Drive straight while the pitch is noise of a few steps, as on a bad road."""
-    rng = np.random.default_rng(seed)
-    noise = np.zeros((220, 6))
-    noise[:, 3] = lfilter([1.0], [1.0, -0.6], pitch_rad * rng.standard_normal(220))
-    noise[:, 5] = 0.3 * pitch_rad * rng.standard_normal(220)
-    poses = se3.exp(noise)
-    times_s = STEP_S * np.arange(220)
-    poses[:, 1, 3] += 0.01 * rng.standard_normal(220)
-    poses[:, 2, 3] = 10.0 * times_s
-    return Trajectory(poses, times_s, is_metric=True)
-
-
-def test_intervals_have_their_coverage_and_grow_with_the_shaking(tmp_path: Path) -> None:
-    amounts = np.radians([0.2, 0.4, 0.8, 0.3, 0.6])
-    recorded = windows.joined(windows.cut(shaken(n, amounts[n % 5])) for n in range(10))
-    path = tmp_path / "body.npz"
-    np.savez(path, **body_motion.fit(recorded))  # type: ignore[arg-type]
-    ranks, scales = [], []
-    for n, road in enumerate(shaken(100 + n, amounts[n % 5]) for n in range(10)):
-        for start in range(0, 180, 10):
-            past, future = road[start : start + 10], road[start + 10 : start + 30]
-            forecast = BodyMotion(path).distribution(past, future.times_s)
-            ranks.append(forecast.ranks(over_plane(future.world_from_cam, past)))
-            scales.append((amounts[n % 5], forecast.scales[5, 1]))
-    coverage = [(np.array(ranks) <= nominal).mean(axis=(0, 1)) for nominal in (0.5, 0.9)]
-    np.testing.assert_allclose(coverage, [[0.5] * 3, [0.9] * 3], atol=0.08)
-    calm, rough = (
-        np.mean([scale for amount, scale in scales if amount == level])
-        for level in (amounts[0], amounts[2])
-    )
-    assert rough > 1.5 * calm
 
 
 def test_the_noise_fit_raises_the_likelihood() -> None:

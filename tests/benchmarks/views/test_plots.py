@@ -11,14 +11,12 @@ import pytest
 from matplotlib.text import Text
 
 from geovp.drawing.page import Page
-from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import plots
-from geovp_benchmarks.plots import Options, horizon, style
+from geovp_benchmarks.plots import Options, clips, style
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Motion, Trajectory
-from tests.benchmarks.conftest import Command
+from geovp_classic.types import FloatArray
 from tests.benchmarks.views.conftest import CLIPS, KEPT
 
 CLIP = "01-a-b-0-9-x-y"
@@ -76,15 +74,6 @@ class TestFiles:
         assert foreign.exists()
         assert caplog.messages == [f"{done} of 4" for done in range(1, 5)]  # metrics
 
-    def test_only_the_format_asked_for_is_written(self, copied: Path, command: Command) -> None:
-        shutil.rmtree(copied / "clips")
-        kept = copied / "plots" / "horizon-psnr.png"
-        kept.parent.mkdir()
-        kept.touch()
-        ended = command("plot", copied, "--format", "svg")
-        assert {Path(line).suffix for line in ended.out.split()} == {".svg"}
-        assert kept.exists()
-
 
 class TestHorizon:
     def test_means_and_bars_are_the_statistics(self, pages: dict[str, Page]) -> None:
@@ -137,17 +126,6 @@ class TestHorizon:
         bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
         np.testing.assert_allclose(bars[-1][:, 1], 2.0)  # the same gain on each clip
 
-    def test_equal_lines_show_beside_each_other(self) -> None:
-        curves = [
-            horizon.Curve(label, np.ones((4, 20)), ["x"] * 4, (0, 2), {"color": "C0"})
-            for label in "ab"
-        ]
-        page = Page("t")
-        horizon.draw(page, curves, Options(), None)
-        below, above = page.figure.axes[0].lines
-        assert below.get_linewidth() > above.get_linewidth()
-        assert below.get_markevery() != above.get_markevery()
-
     @pytest.mark.parametrize("width_in", [None, 2.5, 3.3])
     def test_the_legend_lies_inside_the_figure(self, copied: Path, width_in: float | None) -> None:
         shutil.rmtree(copied / "clips")
@@ -184,14 +162,6 @@ class TestStrips:
         heads = [label.get_text() for label in axes[-1].get_xticklabels()]
         assert heads[4] == "+5, 0.5 s"
 
-    def test_a_row_ends_where_its_frames_end(self) -> None:
-        page, frames = Page("strip"), np.zeros((4, 8, 8, 3), np.uint8)
-        rows = {"predicted": frames, "real": frames[:2]}
-        draw_strip(page, rows, np.arange(1.0, 5), 3.3)
-        whole, short = (np.asarray(panel.images[0].get_array()) for panel in page.figure.axes)
-        assert (whole[4, 4::9, 0] == 0).all()
-        np.testing.assert_array_equal(short[4, 4::9, 0], [0, 0, 255, 255])
-
     def test_a_kept_clip_of_another_protocol_has_none(self, copied: Path) -> None:
         results = Results(copied)
         results.write_protocol({**results.protocol(), "clips": ["b", "c"]})
@@ -210,23 +180,11 @@ class TestPaths:
         ends = [round(float(path[-1]), 6) for path in x if len(path) == 7]
         assert ends == [6.0, 6.0, 6.0, 7.2, 7.2, 7.2]  # each of three samples has its line
 
-    def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self, copied: Path) -> None:
-        """The last camera looks along the world's x axis; then 2 m ahead and 1 m to its right."""
+    def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self) -> None:
+        """The camera looks along the world's x axis; then 2 m ahead and 1 m to its right."""
         yaw = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-        positions = [[3, 0, 0], [4, 0, 0], [5, 0, 0], *[[7, 0, -1]] * 6]
-        poses = np.stack([se3.compose(yaw, np.array(position, float)) for position in positions])
-        results = Results(copied)
-        clip = results.clips().read(KEPT)
-        results.clips().write(KEPT, replace(clip, trajectory=Trajectory(poses, clip.times_s, True)))
-        past = Trajectory(poses[:3], clip.times_s[:3], True)
-        prediction = results.predictions(results.by_name()["gt--far"]).read(KEPT)
-        motion = Motion(past, poses[None, 3:], np.ones(3, bool))
-        results.predictions(results.by_name()["gt--far"]).write(
-            KEPT, replace(prediction, motion=motion)
-        )
-        page = draw(copied, Options())[f"paths-{CLIP}"]
-        for line in page.figure.axes[0].lines[1:3]:
-            np.testing.assert_allclose(line.get_xydata()[[0, -1]], [[0, 0], [2, -1]], atol=1e-12)
+        poses = se3.compose(yaw, np.array([[5.0, 0, 0], [7.0, 0, -1.0]]))
+        np.testing.assert_allclose(clips._from_above(poses, 0), [[0, 0], [2, -1]], atol=1e-12)
 
     def test_a_clip_without_poses_has_no_paths(self, copied: Path) -> None:
         results = Results(copied)
@@ -249,18 +207,6 @@ class TestPaper:
             shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
             assert min(text.get_fontsize() for text in shown) >= 6
             assert page.title not in texts(page).split("\n")
-
-    def test_words_of_a_strip_do_not_overlap(self, tmp_path: Path) -> None:
-        page, frames = Page("strip"), np.zeros((20, 50, 160, 3), np.uint8)
-        rows = {f"vo+prior-refined + ground-far-plane {k}": frames for k in range(4)}
-        draw_strip(page, rows, np.arange(1.0, 21), 3.3)
-        page.write(tmp_path / "strip.png")
-        shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
-        boxes = [text.get_window_extent() for text in shown]
-        boxes = [box for box in boxes if box.width > 1]  # others are not drawn
-        assert len(boxes) == 4 + 4
-        boxes += [panel.get_window_extent() for panel in page.figure.axes]
-        assert not [(a, b) for k, a in enumerate(boxes) for b in boxes[:k] if a.overlaps(b)]
 
 
 def test_colour_encodes_the_pose_source_and_dash_the_renderer() -> None:

@@ -151,16 +151,6 @@ class TestFilms:
         assert image.shape == (8, 11 * 8, 3)
         np.testing.assert_allclose(image[4, 4::8, 0], 20 * np.arange(11), atol=3)
 
-    def test_films_of_many_details_have_less_quality(self) -> None:
-        """Blocks of noise have more bytes than a street."""
-        noise = np.random.default_rng(0).integers(0, 256, (21, 16, 16, 3), dtype=np.uint8)
-        frames = np.kron(noise, np.ones((1, 16, 16, 1), np.uint8))
-        sizes = [
-            len(films.encode("a", [], frames, None, films.Format(1, 128, max_bytes)).image)
-            for max_bytes in (10**6, 10**3)
-        ]
-        assert sizes[0] > 1.1 * sizes[1]
-
 
 class TestClips:
     def test_all_are_listed_worst_first_and_kept_ones_have_films(self, folder: Path) -> None:
