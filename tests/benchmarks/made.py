@@ -18,7 +18,7 @@ from geovp_benchmarks.running.executors import Executor, Serial
 from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
 from geovp_classic.data.recordings.windows import Recording
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
 STILL = {"still": {"name": "toy-still"}}
@@ -156,11 +156,6 @@ def write_images(folder: Path, frames: ByteArray, digits: int = 6) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for number, frame in enumerate(frames):
         cv2.imwrite(str(folder / f"{number:0{digits}d}.png"), frame[..., ::-1])
-
-
-def intrinsics_of(camera: Intrinsics) -> list[float]:
-    """Focal lengths and principal point."""
-    return [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
 
 
 class Frames:

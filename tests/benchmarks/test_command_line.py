@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks.matrix import files
 from geovp_benchmarks.results.store import Results
 from geovp_classic import registry
 from tests import registered
@@ -76,16 +75,6 @@ class TestNames:
             **matrices.read(Path("demo")).renderers,
             "fusion": read.renderers["fusion"],
         }
-
-    def test_a_file_name_that_is_no_text_is_2_and_begins_nothing(
-        self, tmp_path: Path, refused: Says
-    ) -> None:
-        path = tmp_path / os.fsdecode(b"t\xff.toml")
-        path.write_bytes(files.locate(Path("demo")).read_bytes())
-        assert "is not text in UTF-8 on one line: rename it" in refused(
-            "run", str(path), "--out", tmp_path / "out"
-        )
-        assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("toys")

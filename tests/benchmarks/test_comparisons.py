@@ -10,6 +10,7 @@ from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.tables import formats, tables
 from geovp_benchmarks.tables.table_model import Column, Row, best
+from geovp_classic.errors import BadData
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -114,3 +115,20 @@ def test_tables_say_what_the_clips_are_worth(results: Results) -> None:
     clips, worth = row_of(lines(results), "base")[1].rstrip(")").split(" (")
     assert clips == "30"
     assert int(worth) < 10
+
+
+def test_differences_of_chosen_methods(results: Results) -> None:
+    table = tables.against(results.select("good"), "base", metrics=("psnr",))
+    assert [row.label for row in table.rows] == ["good"]
+    with pytest.raises(BadData, match="no method is called 'bse'"):
+        tables.against(results.select("good"), "bse")
+
+
+def test_errors_are_not_tested_against_a_method_without_any(results: Results) -> None:
+    for name, error in (("base", 0.0), ("good", 0.1)):
+        write(results, name, {(clip, 0, "translation-error"): error for clip in CLIPS})
+    table = tables.against(results.select("good"), "base")
+    interval = table.rows[0].scores["translation-error"]
+    assert (interval.low, interval.high) == (pytest.approx(0.1), pytest.approx(0.1))
+    assert not table.marked
+    assert table.notes[-1].startswith("base has no translation error")

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks.running import executors
-from geovp_classic import registry
 from geovp_classic.errors import BadData
 
 distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
@@ -32,18 +31,6 @@ def scheduler() -> Iterator[str]:
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp"
     ) as cluster:
         yield cluster.scheduler_address
-
-
-@pytest.mark.parametrize(
-    ("spec", "kind"),
-    [
-        ({"name": "serial"}, executors.Serial),
-        ({"name": "processes", "workers": 3}, executors.Processes),
-        ({"name": "dask", "address": "tcp://host:8786"}, executors.Dask),
-    ],
-)
-def test_executors_are_found_by_name(spec: dict[str, object], kind: type) -> None:
-    assert isinstance(registry.build("executors", spec), kind)
 
 
 def test_dask_gives_every_result_once_and_holds_back(scheduler: str) -> None:

@@ -67,23 +67,6 @@ class TestAgain:
             "noise": "done",
         }
 
-    def test_only_the_method_that_changed_is_computed_again(self, tmp_path: Path) -> None:
-        log = tmp_path / "log"
-        tables = content(
-            predictors={
-                "still": {"name": "toy-still", "log": str(log)},
-                "noise": {"name": "toy-noise"},
-            }
-        )
-        go(tmp_path, tables)
-        before = rows(tmp_path, "noise")
-        tables["predictors"]["noise"]["seed"] = 1
-        methods = go(tmp_path, tables)
-        assert len(log.read_text().split()) == 5
-        assert methods["noise"].components["predictor"]["seed"] == 1
-        assert rows(tmp_path, "noise") != before
-        assert len(rows(tmp_path, "noise")) == len(before)
-
     def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(
         self, tmp_path: Path
     ) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.matrix import papers, schema
 from geovp_benchmarks.plots import horizon
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options
@@ -66,12 +65,3 @@ def test_kept_predictions_can_be_rescored(results: Results, tmp_path: Path) -> N
     again = Results(tmp_path / "again")
     rescore(results, again, stored_metrics(results))
     assert tables.build(again)[0].rows[0].scores["fvd"].mean == pytest.approx(4.0)
-
-
-def test_papers_of_stochastic_methods_list_fvd() -> None:
-    for name in ("srvp20", "svg18"):
-        assert papers.load(name).set_metrics["fvd"] == {"name": "fvd", "max_samples": 1}
-    parsed = schema.parse(
-        "m", {"protocol": {"name": "srvp20"}, "predictors": {"copy-last": {"name": "copy-last"}}}
-    )
-    assert list(parsed.set_metrics) == ["fvd"]

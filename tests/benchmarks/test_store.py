@@ -76,19 +76,18 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     past = dataclasses.replace(trajectory(2), scale_uncertainty=0.5)
     motion = Motion(past, np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
     results = begun(tmp_path)
-    write_row(results, "y")
-    results.predictions(results.by_name()["x"]).write(NAME, Prediction(frames, covered, motion))
-    results.predictions(results.by_name()["y"]).write(NAME, Prediction(frames))
-    assert results.predictions(results.by_name()["x"]).names == [NAME]
-    back = results.predictions(results.by_name()["x"]).read(NAME)
+    kept = results.predictions(results.by_name()["x"])
+    kept.write(NAME, Prediction(frames, covered, motion))
+    assert kept.names == [NAME]
+    back = kept.read(NAME)
     np.testing.assert_array_equal(back.frames, frames)
     assert back.motion is not None
     assert back.covered is not None
     np.testing.assert_array_equal(back.motion.futures, motion.futures)
     np.testing.assert_array_equal(back.motion.tracked, [True, False])
     assert back.motion.past.scale_uncertainty == 0.5
-    plain = results.predictions(results.by_name()["y"]).read(NAME)
-    assert (plain.covered, plain.motion) == (None, None)
+    kept.write(NAME, Prediction(frames))
+    assert (kept.read(NAME).covered, kept.read(NAME).motion) == (None, None)
 
 
 def file_of(results: Results, values: Scores, *about: Any) -> Path:
@@ -141,13 +140,6 @@ def test_scores_of_an_older_method_do_not_count_and_half_a_file_is_named(tmp_pat
     cut.unlink()
     assert values(Results(tmp_path)) == [3.0]
     assert other.exists()
-
-
-def test_a_clip_without_any_score_is_stored(tmp_path: Path) -> None:
-    results = begun(tmp_path)
-    results.write_scores([(Scores(["a"], {}), ScoreRecord("x", ["a"], "f"))])
-    assert results.scores("x").values == {}
-    assert [*results.by_name()["x"].scored] == ["a"]
 
 
 def test_a_table_is_read_while_files_are_merged(tmp_path: Path) -> None:

@@ -3,13 +3,10 @@ the same twice.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from geovp import provenance
 from geovp_benchmarks.results.store import Results
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores
@@ -112,21 +109,6 @@ class TestReproduction:
             "toy-weightless cannot be compared: weights of toy-weightless are not here: fetch them",
             "1 of 1 reproduce in the other metrics",
         ]
-
-    def test_libraries_and_code_that_changed_are_named(
-        self, tmp_path: Path, verified: Verified
-    ) -> None:
-        go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
-        results = Results(tmp_path)
-        results.write_protocol(
-            {**results.protocol(), "versions": {**provenance.versions(), "numpy": "1.0"}}
-        )
-        record = results.by_name()["still"].scored["road/000"]
-        results.write_scores([(results.scores("still"), replace(record, code="abc"))])
-        code, lines = verified(tmp_path)
-        assert code == 0
-        assert lines[0].startswith("still, road/000: identical; stored by code abc, here it is ")
-        assert lines[1] == f"numpy: stored with 1.0, here {np.__version__}"
 
 
 def test_another_root_is_read_and_a_missing_one_is_bad_input(

@@ -25,22 +25,6 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     assert BlockBootstrap().interval(by_clip, "ab").standard_error == pytest.approx(2.0)
 
 
-def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> None:
-    table = rows(
-        {
-            ("a", 0, 1): 1.0,
-            ("a", 0, 2): None,
-            ("b", 0, 1): None,
-            ("b", 0, 2): None,
-            ("c", 0, 1): 3.0,
-        }
-    )
-    by_clip = nanmean(samples.mean_of_samples(table), axis=1)
-    np.testing.assert_array_equal(by_clip, [1.0, NAN, 3.0])
-    # s = sqrt(((1-2)^2 + (3-2)^2) / 1) = 1.414; / sqrt(2) = 1
-    assert BlockBootstrap().interval(by_clip, "abc").standard_error == pytest.approx(1.0)
-
-
 def test_best_sample_is_one_sample_over_all_steps() -> None:
     # sample 0: 10, 2 (mean 6); sample 1: 5, 5 (mean 5). The best step of each would give 10, 5.
     table = rows({("a", 0, 1): 10.0, ("a", 0, 2): 2.0, ("a", 1, 1): 5.0, ("a", 1, 2): 5.0})

@@ -261,19 +261,6 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Together(Difference):
-    """The same for several masks at once."""
-
-    log: str = ""
-
-    def over(
-        self, predicted: np.ndarray, target: np.ndarray, masks: list[np.ndarray | None]
-    ) -> list[np.ndarray]:
-        note(self.log, f"over-{len(masks)}")
-        return [self(predicted, target, mask) for mask in masks]
-
-
-@dataclass(frozen=True)
 class Weightless:
     """Its weights can never be had, unless a file called `weights` is there."""
 

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import geovp
 from geovp_benchmarks.trajectories.odometry import TrackedPath
 from geovp_classic.data.formats import pose_files
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Intrinsics, Trajectory
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import intrinsics_of
 
 
 def drive(num_frames: int) -> Clip:
@@ -65,33 +63,6 @@ def test_the_command_prints_a_table_per_stretch(street: Path, printed: Says) -> 
         "07[2:12): 1 clips, 100.0% of frames tracked",
     ]
     assert float(by_alignment(lines)["sim3"][4]) < 0.2  # degrees a frame
-
-
-@pytest.mark.parametrize(
-    ("name", "origin"), [("tum", "0.0000"), ("euroc", "0.0000"), ("colmap", "-")]
-)
-def test_other_layouts_are_recognised_by_their_files(
-    tmp_path: Path,
-    name: str,
-    origin: str,
-    request: pytest.FixtureRequest,
-    printed: Says,
-    refused: Says,
-) -> None:
-    """Recorded poses have no error against themselves; a COLMAP model has no metric scale."""
-    clip = geovp.open_clip({"name": "synthetic", "num_frames": 8, "size_px": [32, 32]})
-    request.getfixturevalue(f"write_{name}")(tmp_path, "a", clip)
-    data = f'root = "{tmp_path}", stride = 3, size_px = [32, 32]'
-    if name == "tum":
-        data += f", intrinsics = {intrinsics_of(clip.intrinsics)}"
-    words = ["a", "--clips", "4", "--odometry", "ground-truth"]
-    head, *lines = printed("poses", f"{{{data}}}", *words).splitlines()
-    assert head == "a[0:8): 2 clips, 100.0% of frames tracked"
-    errors = by_alignment(lines)
-    assert errors["origin"][-2:] == [origin, "-" if origin == "-" else "0.0000"]
-    assert errors["sim3"] == ["-", "-", "0.00", "0.0000", "0.0000"]
-    assert by_alignment(printed("doctor", tmp_path).splitlines())["a"][:2] == ["8", "32x32"]
-    assert "has no field 'colour'" in refused("poses", f"{{{data}, colour = 1}}", *words)
 
 
 def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printed: Says) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
-from tests.benchmarks.made import scores
+from tests.benchmarks.made import scores, write_protocol
 
 PAST, FUTURE, SIDE = 3, 6, 16
 CLIPS = ("a/b[0:9) <x> & $y", "b", "c")
@@ -56,33 +56,25 @@ def straight(metres_a_step: float, count: int, *, is_metric: bool = True) -> Tra
     return Trajectory(poses, 0.1 * np.arange(count), is_metric)
 
 
-def record(name: str) -> dict[str, Any]:
+def record(name: str) -> Method:
     source, renderer, status, samples, _, _ = METHODS[name]
-    geometric = {
-        "label": f"{source} + far",
-        "kind": "geometric",
-        "pose_source": source,
-        "renderer": renderer,
-    }
-    parts = {
-        "pose_source": {"name": "chained", "note": "<i>odd</i>"},
-        "renderer": {"name": "far-plane", "fill": 3.5},
-    }
-    facts: dict[str, Any] = geometric if source else {"label": name, "kind": "predictor"}
-    facts |= {"components": parts if source else {"predictor": {"name": name}}, "fingerprint": "f"}
-    facts |= {
-        "status": status,
-        "num_samples": samples,
+    facts: dict[str, Any] = {
+        "components": {"predictor": {"name": name}},
         "privileged_inputs": ["PAST_POSES"] if source == "gt" else [],
+        "status": status,
+        "fingerprint": "f",
     }
+    if source:
+        facts["components"] = {
+            "pose_source": {"name": "chained", "note": "<i>odd</i>"},
+            "renderer": {"name": "far-plane", "fill": 3.5},
+        }
     if status == "skipped":
         facts["reason"] = "the poses are not in metres: give the odometry a scale"
     if status == "failed":
-        facts |= {
-            "reason": "ValueError: <b>bold</b>",
-            "traceback": "Traceback\n  <script>alert(1)</script>",
-        }
-    return facts
+        facts["reason"] = "ValueError: <b>bold</b>"
+        facts["traceback"] = "Traceback\n  <script>alert(1)</script>"
+    return Method.of(samples, source or name, renderer).model_copy(update=facts)
 
 
 def rows(name: str) -> Scores:
@@ -105,46 +97,33 @@ def rows(name: str) -> Scores:
 
 
 def keep(results: Results, name: str) -> None:
+    """Keep predictions whose images say the method and the step."""
     source, _, _, samples, metres, is_metric = METHODS[name]
-    tone = 10 * list(METHODS).index(name)
-    frames = np.full((samples, FUTURE, SIDE, SIDE, 3), tone, np.uint8)
-    frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[
-        :, None, None, None
-    ]  # the image says the step
-    if source is None:
-        results.predictions(results.by_name()[name]).write(KEPT, Prediction(frames))
-        return
-    covered = np.ones(frames.shape[:4], bool)
-    covered[..., :4] = False
-    past = straight(metres, PAST, is_metric=is_metric)
-    ahead = straight(metres, PAST + FUTURE).world_from_cam[PAST:]
-    motion = Motion(past, np.tile(ahead, (samples, 1, 1, 1)), np.ones(PAST, bool))
-    results.predictions(results.by_name()[name]).write(KEPT, Prediction(frames, covered, motion))
+    tones = 10 * list(METHODS).index(name) + np.arange(1, FUTURE + 1, dtype=np.uint8)
+    frames = np.tile(tones[:, None, None, None], (samples, 1, SIDE, SIDE, 3)).astype(np.uint8)
+    covered = motion = None
+    if source is not None:
+        covered = np.ones(frames.shape[:4], bool)
+        covered[..., :4] = False
+        past = straight(metres, PAST, is_metric=is_metric)
+        ahead = straight(metres, PAST + FUTURE).world_from_cam[PAST:]
+        motion = Motion(past, np.tile(ahead, (samples, 1, 1, 1)), np.ones(PAST, bool))
+    kept = results.predictions(results.by_name()[name])
+    kept.write(KEPT, Prediction(frames, covered, motion))
 
 
 def fill(root: Path) -> Path:
     results = Results(root)
-    sizes = {"num_past": PAST, "num_future": FUTURE, "size_px": [SIDE, SIDE], "stride": 9}
-    data = {
-        "dataset": {"name": "toy", "split": "val"},
-        "dataset_name": "toy <val>",
-        "split_hash": "abc123" * 8,
-    }
-    some = {
-        "versions": {"numpy": "9.9.9"},
-        "methods": list(METHODS),
-        "clips": list(CLIPS),
-        "fingerprint": "p",
-    }
-    results.write_protocol(
-        {"name": "toy & matrix", "id": "d3m0", **data, **sizes, **some, "metrics": FACTS}
-    )
+    protocol = {"num_past": PAST, "num_future": FUTURE, "size_px": [SIDE, SIDE], "stride": 9}
+    protocol |= {"dataset": {"name": "toy", "split": "val"}, "dataset_name": "toy <val>"}
+    protocol |= {"name": "toy & matrix", "fingerprint": "p", "metrics": FACTS}
+    write_protocol(results, METHODS, CLIPS, **protocol)
     frames = np.full((PAST + FUTURE, SIDE, SIDE, 3), 200, np.uint8)
     frames += np.arange(PAST + FUTURE, dtype=np.uint8)[:, None, None, None]
     drive = straight(1.0, PAST + FUTURE)
     results.clips().write(KEPT, Clip(KEPT, frames, drive.times_s, CAMERA, drive))
     for name, (_, _, status, _, _, _) in METHODS.items():
-        results.write_method(Method(name=name, **record(name)))
+        results.write_method(record(name))
         if status in ("done", "partial"):
             scored = rows(name)
             about = ScoreRecord(name, [*scored.clips], "f", {}, {"motion": 1.25, "metrics": 2.5})
