@@ -58,7 +58,6 @@ SETTINGS = {
     "refined": {"source": "ground-truth"},
     "geometric": {"pose_source": "ground-truth", "renderer": "ground-far-plane"},
     "commanded": {"speed_m_s": 5.0, "turn_deg_s": 3.0},
-    "hybrid": {"other": "given"},
     "dask": {"address": "tcp://127.0.0.1:8786"},
     "tum": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
     "folder": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},

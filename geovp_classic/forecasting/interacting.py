@@ -10,12 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from filterpy.kalman import IMMEstimator
 
-from geovp_classic.forecasting.kalman import (
-    ExtendedFilter,
-    KalmanForecaster,
-    VehicleFilter,
-    fitted,
-)
+from geovp_classic.forecasting.kalman import ExtendedFilter, KalmanForecaster, fitted
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.types import FloatArray
 
@@ -52,7 +47,7 @@ class Interacting(KalmanForecaster):
         self,
         measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
         times_s: FloatArray,  # [P]
-    ) -> list[tuple[float, VehicleFilter]]:
+    ) -> list[tuple[float, ExtendedFilter]]:
         """Return the filters at the last measurement, with the probabilities of their models."""
         filters = []
         for model in self.models:

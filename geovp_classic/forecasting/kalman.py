@@ -1,4 +1,4 @@
-"""Kalman forecasters on the vehicle's plane: CTRV and CTRA, extended, unscented, or interacting.
+"""Kalman forecasters on the vehicle's plane: CTRV and CTRA, alone or interacting.
 
 Past poses are measurements of (x, z, yaw); the future is predicted without measurements.
 `benchmarks/studies/fitting` fits the noise in `turn_rate.toml` by maximum likelihood.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from filterpy.kalman import ExtendedKalmanFilter
 from scipy.linalg import block_diag
 
 from geovp_classic import files
@@ -57,33 +57,6 @@ class ExtendedFilter(ExtendedKalmanFilter):  # type: ignore[misc]  # filterpy ha
         super().update(z, lambda state: np.eye(3, len(state)), lambda state: state[:3])
 
 
-class UnscentedFilter(UnscentedKalmanFilter):  # type: ignore[misc]  # filterpy has no types
-    """Unscented Kalman filter of a vehicle (Wan & van der Merwe 2000)."""
-
-    def __init__(self, model: VehicleModel, belief: Belief, points: MerweScaledSigmaPoints) -> None:
-        state, covariance = belief
-        super().__init__(
-            dim_x=len(state),
-            dim_z=3,
-            dt=0.0,
-            hx=lambda state: state[:3],
-            fx=model.transition,
-            points=points,
-        )
-        self.model = model
-        self.x = state.copy()
-        self.P = covariance.copy()
-        self.R = model.measurement_noise
-
-    def predict(self, dt: float) -> None:
-        """Predict the belief after dt seconds from sigma points."""
-        self.Q = self.model.process_noise(self.x, dt)
-        super().predict(dt)
-
-
-VehicleFilter = ExtendedFilter | UnscentedFilter
-
-
 @dataclass(frozen=True)
 class KalmanForecaster(PlanarForecaster, abc.ABC):
     """Forecaster by one or several weighted filters, each of which predicts a mode."""
@@ -97,7 +70,7 @@ class KalmanForecaster(PlanarForecaster, abc.ABC):
         self,
         measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
         times_s: FloatArray,  # [P]
-    ) -> list[tuple[float, VehicleFilter]]:
+    ) -> list[tuple[float, ExtendedFilter]]:
         """Return the filters at the last measurement, with weights of sum 1."""
 
     def initial_belief(
@@ -171,7 +144,7 @@ class KalmanForecaster(PlanarForecaster, abc.ABC):
         self,
         past: Trajectory,
         plane: FloatArray,  # [4, 4], vehicle_from_cam
-    ) -> list[tuple[float, VehicleFilter]]:
+    ) -> list[tuple[float, ExtendedFilter]]:
         """Return the filters at the last pose, whose plane and heading are the reference."""
         poses = past.world_from_cam
         states = planar.reduce(poses, poses[-1], plane)
@@ -191,37 +164,18 @@ class TurnRateKalman(KalmanForecaster):
         """Return the vehicle with the fitted constants."""
         return fitted(self.constants)
 
-    def filter_at(self, belief: Belief) -> VehicleFilter:
-        """Return a filter with a belief."""
-        return ExtendedFilter(self.model, belief)
-
     def filtered(
         self,
         measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
         times_s: FloatArray,  # [P]
-    ) -> list[tuple[float, VehicleFilter]]:
+    ) -> list[tuple[float, ExtendedFilter]]:
         """Return the filter at the last measurement, with weight 1."""
         belief = self.initial_belief(measured, times_s, self.model, self.model.num_states)
-        vehicle = self.filter_at(belief)
+        vehicle = ExtendedFilter(self.model, belief)
         for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
             vehicle.predict(dt_s)
             vehicle.update(state)
         return [(1.0, vehicle)]
-
-
-@dataclass(frozen=True)
-class TurnRateUnscented(TurnRateKalman):
-    """Constant turn rate and speed (CTRV), unscented Kalman filter."""
-
-    # Spread of the sigma points; beta = 2 is optimal for Gaussians (Wan & van der Merwe 2000).
-    alpha: float = 0.5
-    beta: float = 2.0
-    kappa: float = 0.0
-
-    def filter_at(self, belief: Belief) -> VehicleFilter:
-        """Return an unscented filter with a belief."""
-        points = MerweScaledSigmaPoints(len(belief[0]), self.alpha, self.beta, self.kappa)
-        return UnscentedFilter(self.model, belief, points)
 
 
 @dataclass(frozen=True)

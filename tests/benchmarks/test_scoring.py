@@ -1,23 +1,17 @@
-"""Which numbers a prediction gets; the stabilised columns: by each row's own rotation, absent where
-it has none.
-"""
+"""Which numbers a prediction gets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks.matrix import schema
 from geovp_benchmarks.results.store import Scores
-from geovp_benchmarks.results.stored_facts import title
 from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry import se3
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.metrics.stabilised import Stabilised
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -31,79 +25,19 @@ from geovp_classic.types import (
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 31.5, 64, 64)
 PAST, FUTURE = 3, 2
-METRICS = Metrics({"psnr": Psnr(), "psnr-stabilised": Stabilised()}, {})
-
-
-def looking(right_deg: FloatArray) -> FloatArray:
-    rotation_vectors = np.deg2rad(right_deg)[..., None] * np.array([0.0, 1.0, 0.0])
-    return se3.compose(Rotation.from_rotvec(rotation_vectors).as_matrix(), np.zeros(3))
-
-
-def panorama(world_from_cam: FloatArray) -> ByteArray:
-    """Frames [T, H, W, 3] of vertical stripes at infinity, 7 degrees apart."""
-    directions = pinhole.rays(CAMERA) @ np.swapaxes(world_from_cam[:, None, :3, :3], -1, -2)
-    azimuth_deg = np.rad2deg(np.arctan2(directions[..., 0], directions[..., 2]))
-    grey = np.rint(127.5 + 100 * np.sin(2 * np.pi * azimuth_deg / 7))
-    return np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
+METRICS = Metrics({"psnr": Psnr()}, {})
 
 
 def drive() -> Clip:
-    """A camera that turns right, three degrees a step, from an odd heading."""
-    poses = looking(40 + 3.0 * np.arange(PAST + FUTURE))
-    times_s = 0.1 * np.arange(PAST + FUTURE)
-    return Clip(
-        "drive", panorama(poses), times_s, CAMERA, Trajectory(poses, times_s, is_metric=True)
-    )
-
-
-def predicted(clip: Clip, *wrong_deg: float) -> Prediction:
-    """Samples that turn a little wrong, in a world of their own, and show exactly what they would
-    have seen.
-    """
-    assert clip.trajectory is not None
-    poses = clip.trajectory.world_from_cam
-    futures = np.stack([poses[PAST:] @ looking(np.full(FUTURE, wrong)) for wrong in wrong_deg])
-    own_from_world = looking(np.array(-77.0))
-    past = Trajectory(own_from_world @ poses[:PAST], clip.times_s[:PAST], is_metric=False)
-    motion = Motion(past, own_from_world @ futures, np.ones(PAST, bool))
-    return Prediction(np.stack([panorama(future) for future in futures]), motion=motion)
+    """A stationary camera that sees nothing."""
+    count = PAST + FUTURE
+    times_s = 0.1 * np.arange(count)
+    path = Trajectory(np.tile(np.eye(4), (count, 1, 1)), times_s, is_metric=True)
+    return Clip("drive", np.zeros((count, 64, 64, 3), np.uint8), times_s, CAMERA, path)
 
 
 def values(scores: Scores, metric: str, sample: int = 0) -> list[float]:
     return list(scores.values[metric][0, sample])
-
-
-def test_every_sample_is_stabilised_by_its_own_rotation() -> None:
-    clip = drive()
-    rows = score(ScoredClip(clip, PAST), predicted(clip, 0.0, 1.0, -0.4), METRICS)
-    assert values(rows, "psnr", 0) == values(rows, "psnr-stabilised", 0) == [100.0] * FUTURE
-    # stripes of amplitude 100 that are off by 1 / 7 and .4 / 7 of a period differ by 2 * 100 sin(pi
-    # / 7) cos(...):
-    # a mean square of 2 * 100^2 sin^2(pi / 7), 12.4 dB, and of 2 * 100^2 sin^2(.4 pi / 7), 20.1 dB
-    np.testing.assert_allclose(values(rows, "psnr", 1), [12.4] * FUTURE, atol=0.3)
-    np.testing.assert_allclose(values(rows, "psnr", 2), [20.1] * FUTURE, atol=0.3)
-    for sample in (1, 2):
-        assert min(values(rows, "psnr-stabilised", sample)) > 42
-
-
-def content(**metrics: Any) -> dict[str, Any]:
-    protocol = {
-        "dataset": {"name": "synthetic"},
-        "num_past": 3,
-        "num_future": 2,
-        "size_px": [32, 32],
-        "stride": 5,
-    }
-    return {"protocol": protocol, "predictors": {"copy": {"name": "copy-last"}}, "metrics": metrics}
-
-
-def test_a_matrix_names_the_column_of_a_stabilised_metric() -> None:
-    psnr = {"name": "psnr", "ceiling_db": 60.0}
-    frame = {"psnr": psnr, "psnr-stabilised": {"name": "stabilised", "metric": psnr}}
-    parsed = schema.parse("m", content(frame=frame))
-    built = Metrics.build(parsed.metrics, (32, 32)).frame["psnr-stabilised"]
-    assert built == Stabilised(Psnr(ceiling_db=60.0))
-    assert title("psnr-stabilised") == "PSNR, stabilised"
 
 
 @dataclass(frozen=True)
@@ -142,13 +76,9 @@ def standing() -> Clip:
     """A camera that stands in front of a wall at one metre, before whose upper quarter something
     moves.
     """
-    clip, count = drive(), PAST + FUTURE
-    moving = np.zeros((count, 64, 64), bool)
+    moving = np.zeros((PAST + FUTURE, 64, 64), bool)
     moving[:, :16] = True
-    path = Trajectory(np.tile(np.eye(4), (count, 1, 1)), clip.times_s, is_metric=True)
-    return replace(
-        clip, trajectory=path, depths=np.ones((count, 64, 64), np.float32), moving=moving
-    )
+    return replace(drive(), depths=np.ones(moving.shape, np.float32), moving=moving)
 
 
 def halves(samples: int, sideways_m: Sequence[float] | None = None) -> Prediction:

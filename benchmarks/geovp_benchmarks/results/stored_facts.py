@@ -25,13 +25,11 @@ FALLBACKS = {"image-motion": "image motion", "last-frame": "the last frame"}  # 
 def title(metric: str) -> str:
     """Return the name of a metric for people, such as "PSNR, covered pixels" for "psnr@covered"."""
     name, _, pixels = metric.partition("@")
-    stem = name.removesuffix("-stabilised")
     words = (
-        stem.upper()
-        if len(stem) <= 5 or stem.startswith(("ms-ssim", "lpips-"))
-        else stem.replace("-", " ")
+        name.upper()
+        if len(name) <= 5 or name.startswith(("ms-ssim", "lpips-"))
+        else name.replace("-", " ")
     )
-    words += ", stabilised" * (stem != name)
     return f"{words}, {pixels} pixels" if pixels else words
 
 

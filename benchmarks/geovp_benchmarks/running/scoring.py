@@ -19,7 +19,6 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, SetMetric, TrajectoryMetric
 from geovp_classic.metrics.clip_facts import clip_facts
-from geovp_classic.metrics.stabilised import Stabilised, turned
 from geovp_classic.metrics.strata import strata
 from geovp_classic.metrics.trajectory import relative_to_last_observed
 from geovp_classic.types import (
@@ -188,12 +187,8 @@ def _values(
             relative_to_last_observed(context.past, true_poses, times_s),
         )
     for name, metric in metrics.frame.items():
-        if not isinstance(metric, Stabilised):
-            values = clip.values(name, metric, predicted, [*masks.values()])
-            yield from zip((name + suffix for suffix in masks), values, strict=True)
-        elif futures is not None:
-            views, seen = turned(predicted, clip.clip.intrinsics, *futures)
-            yield name, clip.values(name, metric.metric, views, [seen])[0]
+        values = clip.values(name, metric, predicted, [*masks.values()])
+        yield from zip((name + suffix for suffix in masks), values, strict=True)
     if futures is not None:
         for name, trajectory_metric in metrics.trajectory.items():
             yield name, trajectory_metric(*futures)
