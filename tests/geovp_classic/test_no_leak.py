@@ -12,15 +12,11 @@ from geovp_benchmarks.checks.contracts import Trial, has_context
 from geovp_classic import registry
 from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3
-from geovp_classic.interfaces import Forecaster
-from geovp_classic.odometry.recorded_past import RecordedPast
-from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.ground_truth import GroundTruth
-from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
+from geovp_classic.types import Clip, Context, ExtraView, PrivilegedInput
 from tests import registered
 
 NUM_PAST = 6
@@ -164,19 +160,6 @@ def test_the_witness_notices_a_leak() -> None:
     assert (name, fields[:3]) == ("GroundTruth", ["past_depths", "camera_height_m", "full"])
 
 
-def test_deeply_nested_components_are_watched() -> None:
-    source = Planar(Chained(RecordedPast(), registry.build("forecasters", "hold")))
-    calls = calls_of("predictors", GeometricPredictor(source, DepthFusion(Given())))
-    assert [name for name, _ in calls] == [
-        "Planar",
-        "Chained",
-        "RecordedPast",
-        "DepthFusion",
-        "Given",
-    ]
-    assert all(fields == [] for _, fields in calls)
-
-
 @pytest.mark.parametrize("frames", ["crop", "full"])
 def test_future_images_reach_the_pose_source_alone(frames: Literal["crop", "full"]) -> None:
     predictor = GeometricPredictor(Registered(frames), DepthFusion(frames=frames))
@@ -197,24 +180,6 @@ def test_future_images_reach_the_pose_source_alone(frames: Literal["crop", "full
         scene.view(motion.futures[0], clip.times_s[NUM_PAST:], clip.intrinsics) for scene in scenes
     )
     np.testing.assert_array_equal(views.frames, false_views.frames)
-
-
-def test_a_forecaster_sees_past_poses_and_future_times_only() -> None:
-    calls: list[tuple[Trajectory, FloatArray]] = []
-
-    class Recorder:
-        def forecast(
-            self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
-        ) -> FloatArray:
-            calls.append((past, times_s))
-            hold: Forecaster = registry.build("forecasters", "hold")
-            return hold.forecast(past, times_s, num_samples)
-
-    clip = street.clip()
-    Chained(RecordedPast(), Recorder()).estimate(clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0])
-    ((past, times_s),) = calls
-    np.testing.assert_array_equal(past.world_from_cam, clip.trajectory.world_from_cam[:NUM_PAST])
-    np.testing.assert_array_equal(times_s, clip.times_s[NUM_PAST:])
 
 
 @pytest.mark.parametrize("needs", FIELD_OF_INPUT, ids=lambda needs: needs.name)

@@ -62,13 +62,11 @@ def test_what_half_precision_cannot_hold_is_kept_whole(tmp_path: Path) -> None:
     ("content", "says"),
     [
         (None, "cannot be read .No such file"),
-        (b"", "is not a whole safetensors file"),
         (slice(-1), "is not a whole safetensors file"),
         (
             b"\x80\x04\x95" + bytes(range(200)),
             "is not a whole safetensors file",
         ),  # as a pickle begins
-        (save({"a": torch.ones(1)}, {"format": "{"}), "is not a whole safetensors file"),  # no JSON
         (save({"a": torch.ones(1)}), "holds no format, no method"),
         (slice(None), "holds geovp-weights-1, toy, expected geovp-weights-1, deepvo"),
     ],
@@ -87,8 +85,6 @@ def test_files_that_are_not_the_methods_weights_are_refused(
     ("settings", "says"),
     [
         ({"rate": "fast"}, "settings.rate is 'fast', expected a number"),
-        ({"shape": {"sizes": [3]}}, "sizes has 1 values, expected 2"),
-        ({"speed": 1}, "no field 'speed'"),
         ([1], "do not suit toy"),
     ],
 )

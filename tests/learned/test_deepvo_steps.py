@@ -7,14 +7,10 @@ import torch
 from geovp_classic.geometry import planar, se3
 from geovp_learned.deepvo.network import (
     Architecture,
-    chained,
     coordinates,
     motions,
-    squared_errors,
 )
 from geovp_learned.deepvo.train import DeepVoTraining
-
-QUARTER = np.pi / 2
 
 
 def value(number: torch.Tensor) -> float:
@@ -23,16 +19,6 @@ def value(number: torch.Tensor) -> float:
 
 def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
     return motions(torch.tensor(steps, dtype=torch.float64), "2d")
-
-
-def test_one_ahead_then_a_right_turn_then_one_ahead_ends_beside_the_start() -> None:
-    """The first step goes 1 m ahead while turning right by 90 degrees, the second 1 m along the new
-    heading: +x.
-    """
-    poses = chained(flat((0, 1, QUARTER), (0, 1, 0)))
-    np.testing.assert_allclose(poses[:, :3, 3], [[0, 0, 1], [1, 0, 1]], atol=1e-12)
-    steps = coordinates(poses, "2d")
-    np.testing.assert_allclose(steps, [[0, 1, QUARTER], [1, 1, QUARTER]], atol=1e-12)
 
 
 def test_yaw_and_plane_are_those_of_the_classical_room() -> None:
@@ -51,15 +37,6 @@ def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
         matrices.numpy() @ se3.inverse(matrices.numpy()), np.tile(np.eye(4), (50, 1, 1)), atol=1e-12
     )
     np.testing.assert_allclose(coordinates(matrices, "3d"), steps, atol=1e-9)
-
-
-def test_squared_errors_by_hand() -> None:
-    """3 m and 4 m apart: 25; 0.2 rad apart across the cut at 180 degrees: 0.04."""
-    translation, rotation = squared_errors(
-        flat((3, 0, np.pi - 0.1)), flat((0, 4, -np.pi + 0.1)), "2d"
-    )
-    assert float(translation) == pytest.approx(25.0)
-    assert float(rotation) == pytest.approx(0.04)
 
 
 def steps_2d(*rows: tuple[float, float, float]) -> torch.Tensor:

@@ -15,18 +15,6 @@ def test_auto_is_a_gpu_where_there_is_one(
     assert devices.resolved("auto") == expected
 
 
-def test_tasks_run_on_one_thread_each_and_the_number_of_threads_stays() -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        assert devices.on_one_thread_each(
-            lambda task: (task, torch.get_num_threads()), range(5)
-        ) == [(task, 1) for task in range(5)]
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
-
-
 def predicted(name: str, clip: Clip) -> FloatArray:
     context, _ = clip.split(5, ~PrivilegedInput.NONE)
     if name == "srvp-tiny":

@@ -14,11 +14,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_benchmarks.running.scoring import Metrics, ScoredClip, score
 from geovp_classic.errors import MissingExtra
-from geovp_classic.types import ByteArray, Clip, Intrinsics, Prediction
+from geovp_classic.types import ByteArray
 from geovp_learned import lpips
-from geovp_learned.lpips import Lpips, LpipsNetwork, Net
+from geovp_learned.lpips import Lpips, Net
 
 NETS = get_args(Net)
 
@@ -69,17 +68,6 @@ def test_the_authors_example_images_score_as_published(
         for k in (0, 1)
     ]
     np.testing.assert_allclose(scores, published, atol=2e-6)
-
-
-def test_squeeze_scores_as_torchmetrics_documents_it() -> None:
-    """Its inputs are fractions, not bytes."""
-    network = lpips.load_network("squeeze", real_weights("squeeze"), "cpu")
-    generator = torch.Generator().manual_seed(42)
-    first, second = (torch.rand(2, 3, 100, 100, generator=generator) for _ in range(2))
-    np.testing.assert_allclose(network(first, second), [0.1024, 0.0938], atol=5e-5)
-    generator = torch.Generator().manual_seed(42)
-    first, second = (torch.rand(10, 3, 100, 100, generator=generator) for _ in range(2))
-    assert float(network(first, second).mean()) == pytest.approx(0.1005, abs=5e-5)
 
 
 def layer_by_layer(weights: dict[str, Tensor], pixels: Tensor) -> list[Tensor]:
@@ -135,46 +123,6 @@ def test_masks_weigh_the_maps_of_differences(net: Net, lpips_folder: Path) -> No
     assert (metric(predicted, target, right) > 2 * everywhere).all()
     right[1] = False
     assert np.isnan(metric(predicted, target, right)).tolist() == [False, True, False]
-
-
-@pytest.mark.parametrize("net", NETS)
-def test_many_masks_at_once_score_as_one_by_one(net: Net, lpips_folder: Path) -> None:
-    metric, predicted, target = (
-        Lpips(net, lpips_folder),
-        noise(1, (11, 40, 48, 3)),
-        noise(2, (11, 40, 48, 3)),
-    )
-    masks = [None, *(np.random.default_rng(0).random((3, 11, 40, 48)) < 0.3)]
-    masks[2][5] = False
-    assert hasattr(metric, "over")
-    one_by_one = [metric(predicted, target, mask) for mask in masks]
-    np.testing.assert_allclose(
-        metric.over(predicted, metric.prepare(target), masks), one_by_one, atol=1e-6
-    )
-    assert np.isnan(one_by_one[2][5])
-    assert np.ptp([scores[0] for scores in one_by_one]) > 1e-4  # the masks do matter
-
-
-def test_targets_are_prepared_once_for_all_methods_of_a_clip(
-    lpips_folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frames = noise(1, (5, 32, 32, 3))
-    clip = Clip("a", frames, np.arange(5.0), Intrinsics(30, 30, 15.5, 15.5, 32, 32))
-    metric, context = Lpips("alex", lpips_folder), ScoredClip(clip, num_past=2)
-    metrics = Metrics({"lpips": metric}, {})
-    expected = metric(noise(2, frames[2:].shape), frames[2:])
-    features, calls = LpipsNetwork.unit_features, []
-    counted = lambda *given: calls.append(1) or features(*given)  # noqa: E731
-    monkeypatch.setattr(LpipsNetwork, "unit_features", counted)
-    rows = [
-        score(context, Prediction(noise(seed, frames[None, 2:].shape)), metrics).values["lpips"][
-            0, 0
-        ]
-        for seed in (2, 3)
-    ]
-    assert len(calls) == 3  # the target and two predictions
-    np.testing.assert_allclose(rows[0], expected, rtol=1e-6)
-    assert (rows[0] != rows[1]).all()
 
 
 def test_the_field_wins_over_the_variable_and_the_variable_over_the_cache(

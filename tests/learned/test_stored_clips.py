@@ -9,7 +9,7 @@ import pytest
 
 from geovp_classic.types import Clip, Intrinsics
 from geovp_learned import stored_clips
-from geovp_learned.stored_clips import Arrays, StoredClip
+from geovp_learned.stored_clips import Arrays
 
 CAMERA = Intrinsics(50.0, 60.0, 31.5, 15.5, 64, 32)
 
@@ -72,9 +72,3 @@ def test_an_interrupted_start_goes_on_with_whole_clips(tmp_path: Path) -> None:
     mended = replace(broken, broken=-1)
     assert len(stored_clips.store([mended], prepare, tmp_path)) == 3
     assert mended.reads == [0, 1, 2]
-
-
-def test_two_data_sets_have_places_of_their_own(tmp_path: Path) -> None:
-    stored = stored_clips.store([Levels(1), Levels(2)], prepare, tmp_path)
-    assert len({clip.folder for clip in stored}) == 3
-    assert StoredClip(stored[2].folder)["frames"][0, 0, 0, 0] == 1

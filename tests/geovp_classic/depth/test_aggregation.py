@@ -39,14 +39,6 @@ def test_sums_are_those_of_eight_paths() -> None:
     np.testing.assert_allclose(AGGREGATION.aggregate(costs, image), expected, atol=1)
 
 
-def test_one_bad_pixel_is_outvoted() -> None:
-    costs = np.full((7, 9, 6), 100, np.uint8)
-    costs[..., 2] = 20
-    costs[3, 4, 2], costs[3, 4, 5] = 40, 20
-    best, _, _ = AGGREGATION.winners(AGGREGATION.aggregate(costs, np.zeros((7, 9), np.uint8)))
-    np.testing.assert_allclose(best, 2, atol=0.2)
-
-
 def test_the_winner_lies_between_planes_and_leads_over_rivals() -> None:
     # The lowest point of a parabola through 30, 10, 20 is (30 - 20) / (2 (20 + 10)) = 1/6 above the
     # second plane. Planes up to two away are no rivals: the best rival is the fifth, 58.

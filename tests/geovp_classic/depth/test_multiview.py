@@ -2,7 +2,6 @@
 
 import dataclasses
 import tracemalloc
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,8 +17,7 @@ from geovp_classic.types import (
     Intrinsics,
     Trajectory,
 )
-
-Observe = Callable[..., tuple]
+from tests.geovp_classic.boxed_street import observe
 
 
 def _drive(num: int = 6, step: float = 0.8, yaw_rad: float = 0.0) -> FloatArray:
@@ -39,7 +37,7 @@ def estimate(
     return inverse_depths[-1], confidence[-1]
 
 
-def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
+def test_depth_of_a_street_seen_while_driving() -> None:
     context, past, truth = observe(_drive())
     inverse_depth, confidence = estimate(context, past)
     errors = np.abs(inverse_depth / truth[-1] - 1)
@@ -52,24 +50,7 @@ def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
     assert confidence[is_wrong].mean() < 0.6 * confidence[~is_wrong].mean()
 
 
-def test_only_the_wanted_frames_are_known(observe: Observe) -> None:
-    context, past, truth = observe(_drive())
-    inverse_depths, confidence = Multiview(frames=(0, -2)).inverse_depths(context, past)
-    assert [bool(c.any()) for c in confidence] == [True, False, False, False, True, False]
-    assert np.median(np.abs(inverse_depths[4] / truth[4] - 1)) < 0.05
-
-
-def test_the_unit_of_the_poses_is_the_unit_of_the_depth(observe: Observe) -> None:
-    context, past, _ = observe(_drive())
-    in_metres, confidence = Multiview().inverse_depths(context, past)
-    _, in_feet, _ = observe(_drive(), unit_m=0.3048)
-    per_foot, same_confidence = Multiview().inverse_depths(context, in_feet)
-    same = np.isclose(per_foot, 0.3048 * in_metres, rtol=0.01, atol=1e-4)
-    assert same[-1].mean() > 0.999  # a tie may fall either way
-    assert np.isclose(same_confidence, confidence, atol=0.02)[-1].mean() > 0.99
-
-
-def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
+def test_tall_images_are_swept_over_more_planes() -> None:
     context, past, _ = observe(_drive(2))
     planes: list[int] = []
 
@@ -86,7 +67,7 @@ def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
     assert planes == [40, 20, 20]
 
 
-def test_frames_must_be_observed(observe: Observe) -> None:
+def test_frames_must_be_observed() -> None:
     context, past, _ = observe(_drive(num=3))
     with pytest.raises(BadData, match="at least one frame"):
         Multiview(frames=())
@@ -94,7 +75,7 @@ def test_frames_must_be_observed(observe: Observe) -> None:
         estimate(context, past, Multiview(frames=(-4,)))
 
 
-def test_noisy_poses_of_a_stationary_camera_show_no_parallax(observe: Observe) -> None:
+def test_noisy_poses_of_a_stationary_camera_show_no_parallax() -> None:
     context, past, _ = observe(_drive(step=0.0))
     noisy = past.world_from_cam.copy()
     noisy[:, :3, 3] += np.random.default_rng(0).normal(0, 1e-3, (len(past), 3))
@@ -102,7 +83,7 @@ def test_noisy_poses_of_a_stationary_camera_show_no_parallax(observe: Observe) -
     assert not confidence.any()
 
 
-def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> None:
+def test_a_flat_sky_is_farther_than_the_houses_beside_it() -> None:
     context, past, _ = observe(_drive(yaw_rad=0.02))
     frames = context.frames.copy()
     frames[:, :40, 30:-30] = 230
@@ -111,7 +92,7 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> No
     assert inverse_depth[8:30, 40:-40].max() < 1 / 50
 
 
-def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not(observe: Observe) -> None:
+def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not() -> None:
     context, past, truth = observe(_drive())
     frames = context.frames.copy()
     sky = frames[:, :40, 30:-30]
@@ -128,7 +109,7 @@ def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not(observe:
     assert (guessed[:30, 40:-40] > 0).mean() > 0.05
 
 
-def test_the_memory_of_a_sweep_is_bounded(observe: Observe) -> None:
+def test_the_memory_of_a_sweep_is_bounded() -> None:
     # 128 x 112 pixels and 96 planes are 1.4 million costs, of 5 bytes with their path sums: 6.9 MB.
     context, past, truth = observe(_drive())
     bounded = Multiview(num_planes=48, tall_px=56, max_costs=400_000)  # 2 MB

@@ -1,24 +1,23 @@
 """Depth of the paper street from a second eye."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from geovp_classic import registry
-from geovp_classic.depth import stereo
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
+from tests.geovp_classic.boxed_street import image, observe
 
 BASELINE_M = 0.5
 Pair = tuple[Context, Trajectory, FloatArray]
 
 
 @pytest.fixture(scope="module")
-def pair(observe: Callable[..., Pair], image: Callable[..., FloatArray]) -> Pair:
+def pair() -> Pair:
     """Two steps with right images of other size and scale than the frames, as native ones are."""
     poses = se3.exp(np.arange(2)[:, None] * np.array([0, 0, 0.8, 0, 0, 0]))
     context, past, truth = observe(poses)
@@ -40,22 +39,6 @@ def test_depth_in_metres(pair: Pair) -> None:
     assert confidence[-1].mean() > 0.8
     assert not confidence[0].any()  # only the last frame is wanted
     assert (inverse_depths[-1] > 0).mean() > 0.99  # holes are filled
-
-
-def test_rows_match_and_columns_differ_by_the_disparity(pair: Pair) -> None:
-    context, _, truth = pair
-    assert context.right is not None
-    right = stereo.right_at_scale(context.right, 1, context.intrinsics, 16)
-    assert right.shape == (112, 144, 3)
-    # the wall, 24 - 0.8 m ahead, above the horizon: 0.5 * 120 / 23.2 = 2.6 px
-    assert BASELINE_M * 120 * truth[1, 10, 30] == pytest.approx(2.586, abs=1e-3)
-    row = right[10, 16:, 0].astype(float)
-    shifts = np.arange(0, 6, 0.1)
-    shifted = np.array(
-        [np.interp(np.arange(10, 60) - shift, np.arange(128), row) for shift in shifts]
-    )
-    error = np.abs(shifted - context.frames[1, 10, 10:60, 0]).mean(axis=1)
-    assert shifts[np.argmin(error)] == pytest.approx(2.586, abs=0.25)
 
 
 def test_what_it_needs(pair: Pair) -> None:

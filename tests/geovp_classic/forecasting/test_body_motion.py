@@ -88,15 +88,6 @@ def test_a_mirrored_past_has_the_mirrored_future() -> None:
     np.testing.assert_allclose(mirrored, expected, atol=1e-5)
 
 
-def test_steady_straight_driving_is_left_unchanged() -> None:
-    times_s = STEP_S * np.arange(30)
-    straight = Trajectory(
-        se3.compose(np.eye(3), np.outer(times_s, [0, 0, 10.0])), times_s, is_metric=True
-    )
-    ahead = MotionPrior().forecast(straight[:10], times_s[10:])[0]
-    np.testing.assert_allclose(body_motion.over_plane(ahead, straight[:10]), 0, atol=1e-9)
-
-
 def test_an_unreadable_file_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "none.npz"
     path.write_bytes(b"no archive")

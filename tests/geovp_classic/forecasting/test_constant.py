@@ -5,12 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
+from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
-
-FORECASTERS = [Hold(), ConstantVelocity(), ConstantTurn(), ConstantTurn(num_steps=3)]
 
 
 def circle_pose(angle_rad: FloatArray, radius_m: float = 10.0) -> FloatArray:
@@ -61,20 +59,3 @@ def test_the_motion_is_averaged_over_time(forecaster: Forecaster, expected_m: fl
     past = Trajectory(se3.compose(np.eye(3), positions), np.arange(3.0), is_metric=True)
     ahead = forecaster.forecast(past, np.array([3.0]))
     assert ahead[0, 0, 2, 3] == pytest.approx(expected_m)
-
-
-@pytest.mark.parametrize("forecaster", FORECASTERS, ids=repr)
-class TestEachForecaster:
-    @pytest.mark.parametrize("num_poses", [1, 5])
-    def test_holds_a_stationary_camera(self, forecaster: Forecaster, num_poses: int) -> None:
-        poses = np.tile(circle_pose(np.array(0.3)), (num_poses, 1, 1))
-        past = Trajectory(poses, np.arange(float(num_poses)), is_metric=False)
-        ahead = forecaster.forecast(past, past.times_s[-1] + np.array([1.0, 5.0]))
-        np.testing.assert_allclose(ahead[0], np.tile(poses[0], (2, 1, 1)), atol=1e-9)
-
-    def test_does_not_depend_on_the_world_frame(self, forecaster: Forecaster) -> None:
-        other_from_world = se3.exp(np.array([5.0, -3.0, 100.0, 0.4, -1.0, 0.3]))
-        past, times_s = circle(np.arange(4.0)), np.array([4.5])
-        moved = Trajectory(other_from_world @ past.world_from_cam, past.times_s, is_metric=True)
-        expected = other_from_world @ forecaster.forecast(past, times_s)
-        np.testing.assert_allclose(forecaster.forecast(moved, times_s), expected, atol=1e-9)

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from geovp_classic.forecasting.interacting import Interacting
 from geovp_classic.forecasting.kalman import (
     AccelerationKalman,
-    KalmanForecaster,
     TurnRateKalman,
     fitted,
 )
-from geovp_classic.geometry import planar, se3
+from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -42,68 +39,6 @@ def test_a_straight_drive_continues_straight(forecaster: Forecaster) -> None:
     assert ahead.shape == (1, 20, 4, 4)
     np.testing.assert_allclose(ahead[0, :, :3, 3], whole[10:, :3, 3], atol=0.05)  # of 16 m
     assert ahead[0, -1, 2, 3] <= whole[-1, 2, 3] + 1e-3
-
-
-@pytest.mark.parametrize("first_yaw_rad", [0.0, np.pi - 0.05])  # the second one passes pi
-def test_a_circle_continues_as_a_circle(first_yaw_rad: float) -> None:
-    whole = circle(5.0, 0.5, 20, first_yaw_rad)
-    ahead = TurnRateKalman().forecast(past_of(whole[:10]), np.arange(10, 20) * STEP_S)
-    # 1 s on a circle of 10 m radius is an arc of 5 m and 0.5 rad.
-    level = planar.level_vehicle_from_cam()
-    expected, actual = (
-        planar.reduce(poses[-1:], whole[9], level)[0] for poses in (whole, ahead[0])
-    )
-    np.testing.assert_allclose(actual[:2], expected[:2], atol=0.25)
-    assert actual[2] == pytest.approx(expected[2], abs=0.05)
-
-
-@pytest.mark.parametrize("forecaster", ALL)
-def test_a_stationary_camera_stays(forecaster: Forecaster) -> None:
-    poses = np.tile(circle(0.0, 0.0, 1), (10, 1, 1))
-    ahead = forecaster.forecast(past_of(poses), np.arange(10, 30) * STEP_S)
-    np.testing.assert_allclose(ahead[0], np.tile(poses[0], (20, 1, 1)), atol=0.05)
-
-
-@pytest.mark.parametrize("forecaster", ALL)
-def test_samples_repeat_and_agree_with_a_growing_covariance(forecaster: KalmanForecaster) -> None:
-    past, times_s = past_of(circle(8.0, 0.1, 10)), np.arange(10, 20) * STEP_S
-    futures = forecaster.forecast(past, times_s, num_samples=400)
-    np.testing.assert_allclose(futures, forecaster.forecast(past, times_s, num_samples=400))
-    distribution = forecaster.distribution(past, times_s)
-    states = distribution.states_of(futures)[:, -1]
-    # Moments of the mixture at the last time
-    mean = distribution.weights @ distribution.means[:, -1]
-    off = distribution.means[:, -1] - mean
-    second = distribution.covariances[:, -1] + off[:, :, None] * off[:, None]
-    deviation = np.sqrt(np.diagonal(np.tensordot(distribution.weights, second, axes=1)))
-    np.testing.assert_allclose(states.mean(axis=0), mean, atol=0.3 * deviation.max())
-    np.testing.assert_allclose(states.std(axis=0), deviation, rtol=0.3)
-    assert (np.diff(np.linalg.det(distribution.covariances)) > 0).all()
-
-
-@settings(max_examples=30)
-@given(
-    st.sampled_from(ALL),
-    st.integers(1, 12),
-    st.floats(0, 40),
-    st.floats(-4, 4),
-    st.lists(st.floats(0.01, 1.5), min_size=1, max_size=6),
-    st.booleans(),
-)
-def test_futures_are_finite_and_rigid(
-    forecaster: Forecaster,
-    num_past: int,
-    speed: float,
-    turn: float,
-    gaps_s: list[float],
-    is_metric: bool,
-) -> None:
-    past = past_of(circle(speed, turn, num_past), is_metric)
-    times_s = past.times_s[-1] + np.cumsum(gaps_s)
-    futures = forecaster.forecast(past, times_s, num_samples=2)
-    assert futures.shape == (2, len(times_s), 4, 4)
-    for sample in futures:
-        Trajectory(sample, times_s, is_metric)  # rejects what is not finite and rigid
 
 
 def test_a_filter_estimates_speed_and_turn_rate() -> None:

@@ -1,11 +1,7 @@
 """The motion prior on motions with a known continuation, and on random ones."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, motion_prior
@@ -49,24 +45,6 @@ def test_a_mirrored_past_has_the_mirrored_future() -> None:
     assert 0.1 < ahead[1][-1, 2] < 0.4 * 20 * STEP_S * 1.5  # the turn continues and decays
 
 
-def test_the_world_frame_does_not_matter() -> None:
-    past = drive(7.0, 0.3, 10)
-    elsewhere = se3.exp(np.array([100.0, -3, 50, 0.3, 2.0, -0.2]))
-    moved = Trajectory(elsewhere @ past.world_from_cam, past.times_s, is_metric=True)
-    ahead, moved_ahead = (MotionPrior().forecast(p, ahead_of(p)) for p in (past, moved))
-    np.testing.assert_allclose(moved_ahead, elsewhere @ ahead, atol=1e-6)
-
-
-def test_identical_poses_are_held_exactly() -> None:
-    times_s = np.arange(30) / 10
-    pose = se3.exp(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]))
-    past = Trajectory(np.tile(pose, (10, 1, 1)), times_s[:10], is_metric=True)
-    assert (MotionPrior().forecast(past, times_s[10:]) == pose).all()
-    assert (
-        np.ptp(MotionPrior().forecast(past, times_s[10:], 8)[:, -1, 2, 3]) > 0.01
-    )  # samples may start moving
-
-
 def test_a_single_pose_is_held_and_has_no_distribution() -> None:
     past = drive(5.0, 0.0, 1)
     futures = MotionPrior().forecast(past, np.array([1.0]), num_samples=3)
@@ -93,58 +71,6 @@ def test_the_path_is_smooth_between_and_beyond_the_steps_of_the_grid() -> None:
     assert np.ptp(speeds[-150:]) < 0.2
 
 
-def test_samples_repeat_and_agree_with_a_growing_distribution() -> None:
-    past = drive(8.0, 0.2, 10)
-    futures = MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000)
-    again = MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000)
-    np.testing.assert_allclose(again, futures)
-    forecast = MotionPrior().distribution(past, ahead_of(past))
-    states = forecast.states_of(futures)[:, -1]
-    mean = (forecast.weights[:, None] * forecast.means[:, -1]).sum(0)
-    off = forecast.means[:, -1] - mean
-    second = forecast.covariances[:, -1] + off[:, :, None] * off[:, None]
-    deviation = np.sqrt(np.diagonal(np.tensordot(forecast.weights, second, axes=1)))
-    np.testing.assert_allclose(states.mean(0), mean, atol=0.15 * deviation.max())
-    np.testing.assert_allclose(states.std(0), deviation, rtol=0.15)
-    volumes = np.tensordot(forecast.weights, np.linalg.det(forecast.covariances), axes=1)
-    assert volumes[19] > 100 * volumes[0]
-
-
-@settings(max_examples=40, deadline=None)
-@given(
-    st.lists(st.floats(0.005, 1.0), min_size=1, max_size=14),
-    st.floats(-60, 60),
-    st.floats(-30, 30),
-    st.lists(st.floats(0.001, 3.0), min_size=1, max_size=5),
-    st.booleans(),
-    st.integers(1, 3),
-)
-def test_futures_are_finite_and_rigid(
-    gaps_s: list[float],
-    speed: float,
-    turn: float,
-    ahead_s: list[float],
-    is_metric: bool,
-    num_samples: int,
-) -> None:
-    times_s = np.cumsum(gaps_s)
-    poses = se3.exp(times_s[:, None] * np.array([0, 0.1, speed, 0.01, turn, 0.02]))
-    past = Trajectory(poses, times_s, is_metric)
-    future_s = times_s[-1] + np.cumsum(ahead_s)
-    futures = MotionPrior().forecast(past, future_s, num_samples)
-    assert futures.shape == (num_samples, len(future_s), 4, 4)
-    for sample in futures:
-        Trajectory(sample, future_s, is_metric)  # rejects what is not rigid
-
-
-def test_a_file_without_a_prior_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "wrong.npz"
-    np.savez(path, step_s=np.array(0.1))
-    past = drive(5.0, 0.0, 4)
-    with pytest.raises(BadData, match="holds no motion prior"):
-        MotionPrior(coefficients=path).forecast(past, ahead_of(past))
-
-
 def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:
     twists = np.zeros((1, 9, 6))
     twists[0, :, 2] = np.linspace(2.6, 1.0, 9)  # 0.2 m/s per step slower: rest after five steps
@@ -153,14 +79,6 @@ def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:
     # Five steps turn by .5 rad/s * .1 s, each by .95 of the one before.
     np.testing.assert_allclose(np.diff(path[:5, 2]), 0.05 * 0.95 ** np.arange(2, 6))
     np.testing.assert_allclose(path[5:], path[4][None].repeat(5, 0), atol=1e-12)
-
-
-def test_a_turn_without_speed_goes_on_and_decays() -> None:
-    twists = np.zeros((1, 9, 6))
-    twists[0, :, 4] = 0.5
-    path = motion_network.damped_turn(twists, 0.1, 10)[0]
-    np.testing.assert_allclose(path[:, :2], 0.0)
-    np.testing.assert_allclose(path[:, 2], np.cumsum(0.05 * 0.95 ** np.arange(1, 11)))
 
 
 def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:

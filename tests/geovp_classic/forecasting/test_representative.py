@@ -74,16 +74,3 @@ def test_distances_are_angles_in_the_image() -> None:
     aside[..., 0, 3] = 0.02 * ImageDistance().depth_m
     for futures in (turned, aside):
         assert distance(still, futures)[0, 0] == pytest.approx(0.02)
-
-
-def test_the_unit_of_the_past_does_not_matter() -> None:
-    times_s = STEP_S * np.arange(10)
-    poses = se3.exp(times_s[:, None] * np.array([0, 0, 9.2, 0, 0, 0]))  # at the assumed speed
-    scaled_poses = poses.copy()
-    scaled_poses[:, :3, 3] /= 3
-    futures, scaled_futures = (
-        Representative().forecast(Trajectory(world_from_cam, times_s, is_metric), TIMES_S, 6)
-        for world_from_cam, is_metric in ((poses, True), (scaled_poses, False))
-    )
-    scaled_futures[..., :3, 3] *= 3
-    np.testing.assert_allclose(scaled_futures, futures, atol=1e-6)

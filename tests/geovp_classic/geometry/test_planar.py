@@ -29,17 +29,6 @@ def test_reduce_undoes_lift(
     np.testing.assert_allclose(reduced, several, atol=1e-9)
 
 
-@given(seeds, tilts, tilts)
-def test_the_reference_is_the_origin(seed: int, pitch_rad: float, roll_rad: float) -> None:
-    vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
-    reference = random_pose(seed)
-    origin = np.zeros((1, 3))
-    reduced = planar.reduce(reference[None], reference, vehicle_from_cam)
-    np.testing.assert_allclose(reduced, origin, atol=1e-9)
-    lifted = planar.lift(origin, reference, vehicle_from_cam)
-    np.testing.assert_allclose(lifted[0], reference, atol=1e-12)
-
-
 def test_yaw_is_positive_to_the_right_and_height_is_dropped() -> None:
     level = planar.level_vehicle_from_cam()
     quarter_right = se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))  # about y (down): from z to x

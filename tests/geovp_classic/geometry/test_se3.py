@@ -67,22 +67,6 @@ def test_transform_keeps_distances_and_matches_the_homogeneous_product(
     np.testing.assert_allclose(moved[0], (b_from_a @ [*p, 1.0])[:3], atol=1e-10)
 
 
-def test_leading_axes_are_kept() -> None:
-    twist = np.random.default_rng(0).normal(size=(2, 5, 6)) * 0.5
-    twist.flags.writeable = False
-    motions = se3.exp(twist)
-    assert motions.shape == (2, 5, 4, 4)
-    np.testing.assert_allclose(se3.log(motions), twist, atol=1e-12)
-    assert se3.transform(motions, np.zeros((2, 5, 7, 3))).shape == (2, 5, 7, 3)
-
-
-def test_quarter_turn_on_a_circle() -> None:
-    # An arc of length 10 * pi / 2 that turns by 90 degrees about z ends at (10, 10).
-    end = se3.exp(np.array([10 * np.pi / 2, 0, 0, 0, 0, np.pi / 2]))
-    np.testing.assert_allclose(end[:3, 3], [10, 10, 0], atol=1e-12)
-    assert se3.rotation_angle_rad(end) == pytest.approx(np.pi / 2)
-
-
 def test_orthonormalised_corrects_rounding_and_rejects_other_matrices() -> None:
     exact = se3.exp(np.array([1.0, 2, 3, 0.3, -0.2, 0.5]))
     np.testing.assert_allclose(se3.orthonormalised(np.round(exact, 6)), exact, atol=1e-5)

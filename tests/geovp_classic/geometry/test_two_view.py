@@ -58,27 +58,6 @@ def test_rotation_and_direction_have_the_right_sign(
     assert found.inliers.mean() > 0.95
 
 
-def test_a_third_of_outliers_is_rejected() -> None:
-    b_from_a = se3.exp(np.array([0, 0, -1, 0, 0.02, 0]))
-    a, b = observations(b_from_a, NOISE)
-    b[:100] += np.random.default_rng(9).uniform(-0.2, 0.2, (100, 2))
-    found = ESTIMATOR.estimate(a, b, NOISE)
-    assert angle_deg(found.b_from_a[:3, 3], b_from_a[:3, 3]) < 2
-    assert found.inliers[100:].mean() > 0.95
-    assert found.inliers[:100].mean() < 0.2
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_points_in_front_are_those_with_positive_depths(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points = rng.uniform([-5, -3, -20], [5, 3, 20], (500, 3))  # half of them behind
-    b_from_a = se3.exp(np.append(rng.normal(size=3), 0.1 * rng.normal(size=3)))
-    depth_b = se3.transform(b_from_a, points)[:, 2]
-    is_visible = (points[:, 2] > 0) & (depth_b > 0)
-    a, b = rays(points, np.eye(4)), rays(points, b_from_a)
-    np.testing.assert_array_equal(two_view.are_in_front(a, b, b_from_a), is_visible)
-
-
 def test_outliers_have_no_vote_on_the_direction() -> None:
     """90 near points and 90 at infinity are inliers; 120 outliers move the opposite way."""
     forward = se3.exp(np.array([0.0, 0, -1, 0, 0.01, 0]))
@@ -116,24 +95,8 @@ def unit_baseline(b_from_a: FloatArray) -> FloatArray:
     return se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / np.linalg.norm(b_from_a[:3, 3]))
 
 
-def test_sampson_distances_and_derivatives() -> None:
+def test_sampson_distances_are_those_of_opencv() -> None:
     motion = unit_baseline(se3.exp(np.array([0.1, -0.05, -1.0, 0.01, 0.02, -0.005])))
-    a, b = observations(
-        motion
-    )  # without noise, where neglecting the derivative of the gradient is exact
-    distance, by_motion = two_view.sampson_distances(a, b, motion)
-    tiny = 1e-6
-    tangents = two_view.tangents(motion[:3, 3])
-    np.testing.assert_allclose(tangents @ motion[:3, 3], 0, atol=1e-12)
-    np.testing.assert_allclose(tangents @ tangents.T, np.eye(2), atol=1e-12)
-    steps = [
-        se3.compose(se3.exp(tiny * axis)[:3, :3] @ motion[:3, :3], motion[:3, 3])
-        for axis in np.eye(6)[3:]
-    ]
-    steps += [se3.compose(motion[:3, :3], motion[:3, 3] + tiny * axis) for axis in tangents]
-    for step, derivative in zip(steps, by_motion.T, strict=True):
-        change = (two_view.sampson_distances(a, b, step)[0] - distance) / tiny
-        np.testing.assert_allclose(change, derivative, atol=1e-3 * np.abs(derivative).max())
     a, b = observations(motion, noise=NOISE)
     distance = two_view.sampson_distances(a, b, motion)[0]
     essential = se3.cross_matrix(motion[:3, 3]) @ motion[:3, :3]
@@ -158,19 +121,6 @@ def test_refinement_without_outliers_agrees_with_pycolmap() -> None:
     np.testing.assert_allclose(two_view.refine(a, b, near, NOISE)[:3], expected.matrix(), atol=1e-4)
 
 
-def test_rays_behind_the_camera_have_no_parallax() -> None:
-    turn = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
-    ray = np.array([[0.1, 0.2]])
-    assert np.isnan(two_view.parallax(turn, ray, ray)).all()
-
-
-def test_two_fifths_of_outliers_do_not_change_a_rotation() -> None:
-    turn = se3.exp(np.array([0, 0, 0, 0.02, -0.05, 0.01]))
-    a, b = observations(turn)
-    b[:120] += 0.1
-    np.testing.assert_allclose(two_view.best_rotation(a, b, NOISE), turn[:3, :3], atol=1e-8)
-
-
 @pytest.mark.parametrize(("num_moving", "is_static"), [(85, True), (95, False)])
 @pytest.mark.parametrize("turn_rad", [0.0, 0.05])
 def test_a_static_motion_needs_seven_tenths_of_the_points(
@@ -192,16 +142,6 @@ def test_parallax_is_the_median_shift_and_inliers_are_within_three_deviations() 
     assert found.parallax == pytest.approx(0.5 * NOISE)
     np.testing.assert_array_equal(found.b_from_a, np.eye(4))
     np.testing.assert_array_equal(found.inliers, np.arange(300) < 240)
-
-
-def test_parallax_of_a_general_motion_is_the_median_shift_without_the_rotation() -> None:
-    b_from_a = se3.exp(np.array([0.5, 0, 0, 0, 0.03, 0]))
-    found = ESTIMATOR.estimate(*observations(b_from_a), NOISE)
-    points = scene(0)
-    still = se3.transform(se3.compose(b_from_a[:3, :3], np.zeros(3)), points)
-    moved = se3.transform(b_from_a, points)
-    shift = np.linalg.norm(still[:, :2] / still[:, 2:] - moved[:, :2] / moved[:, 2:], axis=1)
-    assert found.parallax == pytest.approx(np.median(shift), rel=0.01)
 
 
 def test_eight_points_are_enough_and_seven_are_not() -> None:

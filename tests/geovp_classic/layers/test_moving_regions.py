@@ -90,12 +90,17 @@ class Grey:
         return Views(blank, np.zeros(shape, bool), np.zeros(shape, np.float32))
 
 
-@pytest.mark.parametrize("square_px", [0, 1])
-def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
-    past, images = drive(), frames(square_px)
+def scene_of(images: ByteArray) -> LayeredScene:
+    past = drive()
     patches = MovingRegions().detect(images, past, CAMERA, WALL)
     last = Source(np.repeat(images[-1][..., None], 3, axis=-1), CAMERA, past.world_from_cam[-1])
-    scene = LayeredScene(Grey(), last, float(past.times_s[-1]), patches)
+    return LayeredScene(Grey(), last, float(past.times_s[-1]), patches)
+
+
+@pytest.mark.parametrize("square_px", [0, 1])
+def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
+    images = frames(square_px)
+    scene = scene_of(images)
     future = drive(20)[14:15]
     views = scene.view(future.world_from_cam, future.times_s, CAMERA)
     # After five frames, the middle of the square has moved by 5 square_px.
@@ -113,10 +118,8 @@ def test_a_patch_is_shown_where_it_moves_to(square_px: int) -> None:
 
 def test_a_car_ahead_shifts_in_the_image_when_the_camera_pitches() -> None:
     """It moves with the camera, but does not turn with it."""
-    past, images = drive(), frames(0)
-    patches = MovingRegions().detect(images, past, CAMERA, WALL)
-    last = Source(np.repeat(images[-1][..., None], 3, axis=-1), CAMERA, past.world_from_cam[-1])
-    scene = LayeredScene(Grey(), last, float(past.times_s[-1]), patches)
+    images = frames(0)
+    scene = scene_of(images)
     future = drive(20)[14:15].world_from_cam.copy()
     future[0, :3, :3], _ = cv2.Rodrigues(np.array([0.05, 0, 0]))  # up: 100 px * .05 = 5 px
     views = scene.view(future, drive(20).times_s[14:15], CAMERA)

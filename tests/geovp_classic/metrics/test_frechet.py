@@ -32,15 +32,6 @@ def test_gaussians_on_a_line_differ_by_their_means_and_deviations() -> None:
     assert frechet_distances(real, 2 * real + 3).mean() == pytest.approx(10.0)
 
 
-def test_order_and_rotation_do_not_count() -> None:
-    real, predicted = random_sets(50, 6)
-    turn = scipy.linalg.expm(np.triu(np.ones((6, 6)), 1) - np.tril(np.ones((6, 6)), -1))
-    expected = frechet_distances(real, predicted).mean()
-    assert frechet_distances(real, predicted[::-1]).mean() == pytest.approx(expected)
-    assert frechet_distances(real @ turn, predicted @ turn).mean() == pytest.approx(expected)
-    np.testing.assert_allclose(frechet_distances(real, real), 0, atol=1e-9)
-
-
 @pytest.mark.parametrize(("count", "size"), [(100, 5), (30, 60)])
 def test_a_clips_value_is_its_influence(count: int, size: int) -> None:
     """The distance with a clip twice as heavy changes by its influence / N, to first order."""
@@ -56,11 +47,3 @@ def test_a_clips_value_is_its_influence(count: int, size: int) -> None:
         same = frechet_distances(np.tile(real, (repeats, 1)), np.tile(predicted, (repeats, 1)))
         slope = (heavier - same.mean()) / (4 / (repeats * count))
         assert slope == pytest.approx(values[clip] - values.mean(), rel=0.1)
-
-
-def test_resampled_means_spread_as_distances_of_resampled_sets() -> None:
-    real, predicted = random_sets(200, 4)
-    values, rng = frechet_distances(real, predicted), np.random.default_rng(1)
-    draws = rng.integers(0, 200, (400, 200))
-    direct = [frechet_distances(real[draw], predicted[draw]).mean() for draw in draws]
-    assert np.std(values[draws].mean(axis=1)) == pytest.approx(np.std(direct), rel=0.1)

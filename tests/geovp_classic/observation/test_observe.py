@@ -9,10 +9,8 @@ import pytest
 import geovp
 from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.geometry import se3
 from geovp_classic.observation import Observer, future_greys
-from geovp_classic.pose_refinement.registration import Registration
-from geovp_classic.types import Context, ExtraView, Motion, PrivilegedInput, Trajectory
+from geovp_classic.types import Context, ExtraView, PrivilegedInput, Trajectory
 from tests.geovp_classic.observation.test_uncropped import NATIVE, noise_context
 
 
@@ -50,20 +48,6 @@ def test_blank_frames_change_no_scene(
     difference = np.abs(views[0].frames[0].astype(int) - views[1].frames[0])
     # Open3D's threads change a few pixels from run to run.
     assert (difference > 1).mean() < 0.01
-
-
-def test_blank_frames_change_no_registration(street: tuple[Context, Trajectory]) -> None:
-    context, past = street
-    given = past.world_from_cam.copy()
-    given[3] = given[3] @ se3.exp(np.array([0, 0, 0, np.deg2rad(0.5), 0, 0]))
-    past = replace(past, world_from_cam=given)
-    registered = []
-    for observed, num_past in ((context, 15), (context.observed(np.arange(15) < 5), 5)):
-        motion = Motion(past[:num_past], given[None, -1:], np.ones(num_past, bool))
-        refined = Registration().refine(Observer().observe(observed).context, motion)
-        registered.append(refined.past.world_from_cam[:5])
-    assert np.abs(registered[0] - given[:5]).max() > 1e-3
-    np.testing.assert_allclose(registered[0], registered[1], atol=1e-9)
 
 
 def test_a_video_that_ends_in_ten_blank_frames_is_predicted(

@@ -1,7 +1,6 @@
 """Monocular odometry on a corridor whose poses are known: clips, sequences and settings."""
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +26,7 @@ from geovp_classic.types import (
     Trajectory,
 )
 from geovp_classic.types.speed_prior import SpeedPrior
-
-Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
+from tests.geovp_classic.odometry.corridor import CAMERA, STRAIGHT, drive
 
 
 def context(frames: ByteArray, camera: Intrinsics, height_m: float | None = 1.65) -> Context:
@@ -45,11 +43,9 @@ def step_errors(found: Trajectory, truth: FloatArray) -> tuple[FloatArray, Float
     return np.degrees(se3.rotation_angle_rad(off)), np.linalg.norm(off[:, :3, 3], axis=1)
 
 
-def test_a_clip_comes_back_in_metres(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    trajectory, tracked = Monocular().track(context(straight[0], camera))
-    rotation_deg, translation = step_errors(trajectory, straight[1])
+def test_a_clip_comes_back_in_metres() -> None:
+    trajectory, tracked = Monocular().track(context(STRAIGHT[0], CAMERA))
+    rotation_deg, translation = step_errors(trajectory, STRAIGHT[1])
     assert trajectory.is_metric
     assert trajectory.scale_uncertainty is not None
     assert 0 < trajectory.scale_uncertainty < 0.1
@@ -58,41 +54,35 @@ def test_a_clip_comes_back_in_metres(
     assert np.median(translation) < 0.02  # of 0.5 m
 
 
-def test_without_metres_the_mean_step_is_one(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    trajectory, _ = Monocular(scale=UnitSpeed()).track(context(straight[0], camera, height_m=None))
+def test_without_metres_the_mean_step_is_one() -> None:
+    trajectory, _ = Monocular(scale=UnitSpeed()).track(context(STRAIGHT[0], CAMERA, height_m=None))
     assert not trajectory.is_metric
     lengths = se3.step_lengths(trajectory.world_from_cam)
     assert lengths.mean() == pytest.approx(1)
     np.testing.assert_allclose(lengths, 1, atol=0.05)
 
 
-def test_a_hidden_road_leaves_metres_with_a_stated_spread(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    frames = straight[0].copy()
-    frames[:, camera.height_px // 2 + 8 :] = (
+def test_a_hidden_road_leaves_metres_with_a_stated_spread() -> None:
+    frames = STRAIGHT[0].copy()
+    frames[:, CAMERA.height_px // 2 + 8 :] = (
         90  # a bonnet, or a car right ahead, from frame to frame the same
     )
-    trajectory, _ = Monocular().track(context(frames, camera))
+    trajectory, _ = Monocular().track(context(frames, CAMERA))
     assert trajectory.is_metric
     assert trajectory.scale_uncertainty == SpeedPrior().spread
     lengths = se3.step_lengths(trajectory.world_from_cam)
     assert lengths.sum() / 0.9 == pytest.approx(
         SpeedPrior().median_m_s
     )  # the corridor's 5 m/s are within two spreads
-    alone, _ = Monocular(scale=GroundPlane(prior=None)).track(context(frames, camera))
+    alone, _ = Monocular(scale=GroundPlane(prior=None)).track(context(frames, CAMERA))
     assert (alone.is_metric, alone.scale_uncertainty) == (False, None)
 
 
 @pytest.mark.parametrize("step_m", [0.1, 0.25, 2.7])
-def test_slow_and_fast_cameras_come_back_in_metres(
-    drive: Film, camera: Intrinsics, step_m: float
-) -> None:
+def test_slow_and_fast_cameras_come_back_in_metres(step_m: float) -> None:
     """A car in a yard, one at 30 images a second, and one on a motorway, at ten."""
     frames, poses = drive(np.tile([0, 0, step_m, 0, np.radians(0.3), 0], (9, 1)))
-    trajectory, _ = Monocular().track(context(frames, camera))
+    trajectory, _ = Monocular().track(context(frames, CAMERA))
     assert trajectory.scale_uncertainty is not None
     assert trajectory.scale_uncertainty < 0.1
     lengths = se3.step_lengths(trajectory.world_from_cam)
@@ -100,41 +90,28 @@ def test_slow_and_fast_cameras_come_back_in_metres(
 
 
 @pytest.mark.parametrize("pitch_deg", [-5.0, 8.0])
-def test_a_pitched_camera_comes_back_in_metres(
-    drive: Film, camera: Intrinsics, pitch_deg: float
-) -> None:
+def test_a_pitched_camera_comes_back_in_metres(pitch_deg: float) -> None:
     """It travels along the road, so its direction of travel says where the road is."""
     pitch_rad = np.radians(pitch_deg)
     ahead = [0, 0.5 * np.sin(pitch_rad), 0.5 * np.cos(pitch_rad), 0, 0, 0]
     frames, _ = drive(np.array([[0, 0, 0, pitch_rad, 0, 0], *[ahead] * 9]))
-    trajectory, _ = Monocular().track(context(frames[1:], camera))
+    trajectory, _ = Monocular().track(context(frames[1:], CAMERA))
     assert trajectory.scale_uncertainty is not None
     assert trajectory.scale_uncertainty < 0.1
     assert se3.step_lengths(trajectory.world_from_cam).sum() == pytest.approx(4.5, rel=0.06)
 
 
-def test_a_turn_with_sideways_motion(drive: Film, camera: Intrinsics) -> None:
-    frames, poses = drive(np.tile([0.1, 0, 0.4, 0, np.radians(1.5), 0], (9, 1)))
-    trajectory, tracked = Monocular().track(context(frames, camera))
-    rotation_deg, translation = step_errors(trajectory, poses)
-    assert tracked.all()
-    assert np.median(rotation_deg) < 0.06
-    assert np.median(translation) < 0.04
-
-
-def test_standing_still_is_standing_still(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    trajectory, tracked = Monocular().track(context(np.repeat(straight[0][:1], 6, axis=0), camera))
+def test_standing_still_is_standing_still() -> None:
+    trajectory, tracked = Monocular().track(context(np.repeat(STRAIGHT[0][:1], 6, axis=0), CAMERA))
     np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (6, 1, 1)))
     assert tracked.all()
     assert trajectory.is_metric  # nothing moved, in any unit
     assert trajectory.scale_uncertainty is None
 
 
-def test_turning_on_the_spot_moves_nowhere(drive: Film, camera: Intrinsics) -> None:
+def test_turning_on_the_spot_moves_nowhere() -> None:
     frames, poses = drive(np.tile([0, 0, 0, 0, np.radians(1.0), 0], (7, 1)))
-    trajectory, tracked = Monocular().track(context(frames, camera))
+    trajectory, tracked = Monocular().track(context(frames, CAMERA))
     assert tracked.all()
     assert (
         np.degrees(se3.rotation_angle_rad(se3.inverse(poses) @ trajectory.world_from_cam)).max()
@@ -143,31 +120,27 @@ def test_turning_on_the_spot_moves_nowhere(drive: Film, camera: Intrinsics) -> N
     np.testing.assert_array_equal(trajectory.world_from_cam[:, :3, 3], 0)
 
 
-def test_a_slow_start_is_told_afterwards(drive: Film, camera: Intrinsics) -> None:
+def test_a_slow_start_is_told_afterwards() -> None:
     speeds = np.array([0.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
     frames, _ = drive(np.stack([[0, 0, speed, 0, 0, 0] for speed in speeds]))
-    trajectory, tracked = Monocular().track(context(frames, camera))
+    trajectory, tracked = Monocular().track(context(frames, CAMERA))
     assert tracked.all()
     np.testing.assert_allclose(steps(trajectory.world_from_cam)[:, 2, 3], speeds, atol=0.03)
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_the_shortest_clips(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics, count: int
-) -> None:
-    trajectory, tracked = Monocular().track(context(straight[0][:count], camera))
+def test_the_shortest_clips(count: int) -> None:
+    trajectory, tracked = Monocular().track(context(STRAIGHT[0][:count], CAMERA))
     assert (len(trajectory), tracked.all()) == (count, True)
 
 
-def test_uncropped_frames_are_used_if_asked_for(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    frames, poses = straight
+def test_uncropped_frames_are_used_if_asked_for() -> None:
+    frames, poses = STRAIGHT
     crop = frames[:, 48:144, 64:192]
     odometry = Monocular(frames="full")
     assert odometry.needs == PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.FULL_FRAMES
     small = context(
-        np.zeros_like(crop), camera.cropped(64, 48, 128, 96)
+        np.zeros_like(crop), CAMERA.cropped(64, 48, 128, 96)
     )  # the crop itself is black
     with pytest.raises(Incompatible, match="uncropped"):
         odometry.track(small)
@@ -176,18 +149,18 @@ def test_uncropped_frames_are_used_if_asked_for(
         small.times_s,
         small.intrinsics,
         camera_height_m=1.65,
-        full=ExtraView(frames, camera, np.eye(4)),
+        full=ExtraView(frames, CAMERA, np.eye(4)),
     )
     trajectory, _ = odometry.track(wide)
     assert np.median(step_errors(trajectory, poses)[1]) < 0.02
 
 
-def test_a_sequence_is_tracked_in_a_window(drive: Film, camera: Intrinsics) -> None:
+def test_a_sequence_is_tracked_in_a_window() -> None:
     turns = np.radians(0.6) * np.sin(np.arange(39) / 6)
     frames, poses = drive(np.stack([[0, 0, 0.5, 0, turn, 0] for turn in turns]))
     times_s = 0.1 * np.arange(len(frames))
     odometry = Monocular(tracking=TrackerSettings(keyframes=KeyframePolicy(window=5)))
-    trajectory, tracked = odometry.track_sequence(iter(frames), times_s, camera, 1.65)
+    trajectory, tracked = odometry.track_sequence(iter(frames), times_s, CAMERA, 1.65)
     assert len(trajectory) == len(frames)
     assert tracked.all()
     assert trajectory.is_metric
@@ -196,14 +169,12 @@ def test_a_sequence_is_tracked_in_a_window(drive: Film, camera: Intrinsics) -> N
     assert np.median(translation) < 0.03
 
 
-def test_a_drive_whose_scale_remembers_few_pairs(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
+def test_a_drive_whose_scale_remembers_few_pairs() -> None:
     """Images before the remembered pairs have the unit of the first of them."""
-    frames = straight[0]
+    frames = STRAIGHT[0]
     odometry = Monocular(GroundPlane(max_pairs=3))
     times_s = 0.1 * np.arange(len(frames))
-    trajectory, _ = odometry.track_sequence(iter(frames), times_s, camera, 1.65)
+    trajectory, _ = odometry.track_sequence(iter(frames), times_s, CAMERA, 1.65)
     assert trajectory.is_metric
     np.testing.assert_allclose(se3.step_lengths(trajectory.world_from_cam), 0.5, rtol=0.06)
 

@@ -21,13 +21,6 @@ def test_true_values_lie_within_two_deviations(step: float) -> None:
     assert deviation.mean() < 0.1
 
 
-def test_a_constant_is_the_mean_of_its_measurements() -> None:
-    measured = np.array([0.9, 1.1, 1.0, np.nan])
-    mean, deviation = RandomWalk(step=1e-6).smooth(measured, np.full(4, 0.1), np.ones(4))
-    np.testing.assert_allclose(mean, 1.0, atol=1e-3)
-    np.testing.assert_allclose(deviation, 0.1 / np.sqrt(3), rtol=0.1)
-
-
 def test_values_after_an_infinite_step_are_unrelated() -> None:
     measured = np.repeat([0.0, 5.0], 10)
     step_ratio = np.ones(20)

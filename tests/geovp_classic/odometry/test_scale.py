@@ -1,22 +1,16 @@
 """Metric scale from the camera's height above the road, and from a prior of speeds."""
 
-import os
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from geovp_classic import interfaces
-from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 from geovp_classic.types.speed_prior import SpeedPrior
-
-Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
+from tests.geovp_classic.odometry.corridor import CAMERA, STRAIGHT, drive
 
 
 def estimator_of(camera: Intrinsics) -> GroundPlaneEstimator:
@@ -37,120 +31,78 @@ def show(
 
 
 @pytest.mark.parametrize("unit_m", [0.1, 1.0, 3.0])
-def test_any_unit_is_estimated(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics, unit_m: float
-) -> None:
-    estimator = estimator_of(camera)
+def test_any_unit_is_estimated(unit_m: float) -> None:
+    estimator = estimator_of(CAMERA)
     assert estimator.uncertainty == np.inf
-    show(estimator, *straight, unit_m)
+    show(estimator, *STRAIGHT, unit_m)
     assert estimator.unit == pytest.approx(unit_m, rel=0.03)
     assert estimator.uncertainty < 0.06
 
 
-def test_pitch_and_roll_are_estimated(drive: Film, camera: Intrinsics) -> None:
+def test_pitch_and_roll_are_estimated() -> None:
     tilt = np.radians(1.5)  # looking up
     ahead = [0, 0.5 * np.sin(tilt), 0.5 * np.cos(tilt), 0, 0, 0]
     frames, poses = drive(np.array([[0, 0, 0, tilt, 0, 0], *[ahead] * 9]))
-    estimator = estimator_of(camera)
+    estimator = estimator_of(CAMERA)
     show(estimator, frames[1:], poses[1:])
     assert estimator.unit == pytest.approx(1.0, rel=0.03)
     assert np.degrees(estimator.pitch_rad) == pytest.approx(1.5, abs=0.5)
     assert np.degrees(estimator.roll_rad) == pytest.approx(0, abs=0.5)
 
 
-def test_a_restart_changes_the_unit_but_not_the_tilt(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    estimator = estimator_of(camera)
-    show(estimator, *straight)
+def test_a_restart_changes_the_unit_but_not_the_tilt() -> None:
+    estimator = estimator_of(CAMERA)
+    show(estimator, *STRAIGHT)
     pitch_rad = estimator.pitch_rad
     estimator.restart()
     assert estimator.pitch_rad == pitch_rad
-    show(estimator, *straight, unit_m=0.5)
+    show(estimator, *STRAIGHT, unit_m=0.5)
     first, second = np.split(estimator.units, 2)
     np.testing.assert_allclose(first, 1.0, rtol=0.03)
     np.testing.assert_allclose(second, 0.5, rtol=0.03)
 
 
-def test_a_blank_or_stationary_road_is_uninformative(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    frames, poses = straight
-    estimator = estimator_of(camera)
+def test_a_blank_or_stationary_road_is_uninformative() -> None:
+    frames, poses = STRAIGHT
+    estimator = estimator_of(CAMERA)
     show(estimator, np.full_like(frames, 90), poses)
     show(estimator, frames, np.tile(np.eye(4), (len(poses), 1, 1)))
     assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
 
 
-def test_an_outlier_is_rejected(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
-    frames, poses = straight
-    estimator = estimator_of(camera)
-    show(estimator, frames, poses)
-    unit = estimator.unit
-    show(estimator, frames[:2], poses[:2], unit_m=0.3)  # three times too long
-    assert estimator.unit == pytest.approx(unit, rel=0.02)
-
-
-def test_the_unit_is_followed_when_the_map_drifts(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    frames, poses = straight
-    estimator = estimator_of(camera)
+def test_the_unit_is_followed_when_the_map_drifts() -> None:
+    frames, poses = STRAIGHT
+    estimator = estimator_of(CAMERA)
     units_m = np.geomspace(1.0, 1.5, 12)
     for unit_m in units_m:
         show(estimator, frames, poses, unit_m)
     np.testing.assert_allclose(estimator.units, np.repeat(units_m, len(poses) - 1), rtol=0.06)
 
 
-def test_inputs_and_units_of_the_scales(camera: Intrinsics) -> None:
+def test_inputs_and_units_of_the_scales() -> None:
     assert (GroundPlane().needs, GroundPlane().is_metric) == (PrivilegedInput.CAMERA_HEIGHT, True)
     assert (UnitSpeed().needs, UnitSpeed().is_metric) == (PrivilegedInput.NONE, False)
-    nothing = UnitSpeed().estimator(camera, None)
+    nothing = UnitSpeed().estimator(CAMERA, None)
     nothing.finalize(length=4.0, duration_s=0.9)
     assert (nothing.unit, nothing.uncertainty) == (1.0, np.inf)
     with pytest.raises(Incompatible, match="unit-speed"):
-        GroundPlane().estimator(camera, None)
+        GroundPlane().estimator(CAMERA, None)
 
 
-def test_without_a_road_the_prior_is_assumed(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    estimator = GroundPlane(prior=SpeedPrior(median_m_s=8.0, spread=0.4)).estimator(camera, 1.65)
+def test_without_a_road_the_prior_is_assumed() -> None:
+    estimator = GroundPlane(prior=SpeedPrior(median_m_s=8.0, spread=0.4)).estimator(CAMERA, 1.65)
     estimator.finalize(length=4.0, duration_s=0.9)
     assert estimator.unit == pytest.approx(8.0 * 0.9 / 4.0)  # 7.2 m for 4 units
     assert estimator.uncertainty == pytest.approx(0.4)
-    measured = estimator_of(camera)
-    show(measured, *straight)
+    measured = estimator_of(CAMERA)
+    show(measured, *STRAIGHT)
     result = (measured.unit, measured.uncertainty)
     measured.finalize(length=4.0, duration_s=0.9)
     assert (measured.unit, measured.uncertainty) == result
 
 
-def test_without_a_prior_or_a_path_the_unit_is_unknown(camera: Intrinsics) -> None:
+def test_without_a_prior_or_a_path_the_unit_is_unknown() -> None:
     for prior, length in ((None, 4.0), (SpeedPrior(), 0.0)):
-        estimator = GroundPlane(prior=prior).estimator(camera, 1.65)
+        estimator = GroundPlane(prior=prior).estimator(CAMERA, 1.65)
         estimator.finalize(length, duration_s=0.9)
         assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
-
-
-def test_the_default_prior_fits_the_recorded_drives() -> None:
-    root = os.environ.get("GEOVP_TEST_DATA")
-    if root is None or not (Path(root) / "kitti_full_poses").is_dir():
-        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
-
-    folder = Path(root) / "kitti_full_poses"
-
-    def log_speeds(name: str) -> FloatArray:
-        """Return logarithms of the mean speeds over nine steps in which the car moves."""
-        times_s = pose_files.read_times(folder / f"{name}_times.txt")
-        poses = pose_files.read_trajectory(folder / f"{name}.txt", times_s).world_from_cam
-        steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-        path_m = np.append(0.0, np.cumsum(steps_m))
-        speeds = (path_m[9::5] - path_m[:-9:5]) / (times_s[9::5] - times_s[:-9:5])
-        return np.log(speeds[speeds > 0.5])
-
-    speeds = [log_speeds(name) for name in ("00", "02", "08", "09", "01", "04")]
-    median = np.median(np.concatenate(speeds[:4]))
-    spread = np.sqrt(np.mean([np.mean((values - median) ** 2) for values in speeds]))
-    assert np.exp(median) == pytest.approx(SpeedPrior().median_m_s, abs=0.05)
-    assert spread == pytest.approx(SpeedPrior().spread, abs=0.005)

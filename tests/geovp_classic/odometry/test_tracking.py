@@ -1,6 +1,5 @@
 """Tracking image by image through a corridor whose poses are known."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,9 +7,9 @@ import pytest
 
 from geovp_classic.odometry.resection import Resection
 from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from tests.geovp_classic.odometry.corridor import CAMERA, drive
 
-Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 SETTINGS = TrackerSettings()
 
 
@@ -19,11 +18,11 @@ def images_of(frames: ByteArray) -> list[Image]:
     return [Image(grey, SETTINGS.corners.detect(grey), 0.1 * n) for n, grey in enumerate(greys)]
 
 
-def test_tracking_continues_from_the_adjusted_pose(drive: Film, camera: Intrinsics) -> None:
+def test_tracking_continues_from_the_adjusted_pose() -> None:
     """No time passes until the blank image, so that it has the pose of the image before it."""
     frames, _ = drive(np.tile([0, 0, 0.3, 0, np.radians(0.6), 0], (4, 1)))
     keyframes = replace(SETTINGS.keyframes.for_clip(10), adjust_every=10)
-    tracker = Tracker(replace(SETTINGS, keyframes=keyframes), camera)
+    tracker = Tracker(replace(SETTINGS, keyframes=keyframes), CAMERA)
     images = images_of(frames)
     for image in images:
         tracker.push(image)
@@ -55,11 +54,11 @@ class Failing(Resection):
 
 @pytest.mark.parametrize(("failing", "num_segments"), [((2,), 1), ((2, 3, 4, 5, 6), 2)])
 def test_one_failed_resection_does_not_discard_the_map(
-    drive: Film, camera: Intrinsics, failing: tuple[int, ...], num_segments: int
+    failing: tuple[int, ...], num_segments: int
 ) -> None:
     """It takes five in a row; at the fifth, the tracker starts again."""
     frames, _ = drive(np.tile([0, 0, 0.3, 0, 0, 0], (11, 1)))
-    tracker = Tracker(replace(SETTINGS, resection=Failing(failing=failing)), camera)
+    tracker = Tracker(replace(SETTINGS, resection=Failing(failing=failing)), CAMERA)
     for image in images_of(frames):
         tracker.push(image)
     path = tracker.poses()

@@ -1,10 +1,9 @@
 """Window of keyframes that observe known points."""
 
 import numpy as np
-import pytest
 
-from geovp_classic.geometry import pinhole, se3, two_view
-from geovp_classic.odometry.windowed_map import KeyframePolicy, WindowedMap, largest_parallax
+from geovp_classic.geometry import se3
+from geovp_classic.odometry.windowed_map import KeyframePolicy, WindowedMap
 from geovp_classic.types import FloatArray
 from tests.geovp_classic.odometry.known_points import CAMERA, path, project, scene
 
@@ -61,40 +60,3 @@ def test_outliers_are_culled() -> None:
     assert not window.triangulated[0]
     assert not window.active[0]
     assert window.triangulated[1:].mean() > 0.9
-
-
-def test_ended_tracks_leave_with_their_points() -> None:
-    window, _ = filled()
-    window.pixels[::2] = np.nan
-    ids = window.track_ids.copy()
-    window.keep_newest_only()
-    window.add_keyframe(path(6)[-1])
-    np.testing.assert_array_equal(window.track_ids, ids[1::2])
-    window.clear()
-    assert (len(window.keyframes), len(window.points)) == (0, 0)
-
-
-def test_parallax_is_the_median_shift_beyond_rotation() -> None:
-    window, points = filled()
-    turn = se3.exp(np.array([0, 0, 0, 0, 0.05, 0]))
-    window.pixels[:] = project(points, turn @ path(5)[-1])
-    assert window.parallax(turn @ path(5)[-1]) < 1e-6
-    shift = 7.0 / CAMERA.fx_px
-    window.pixels[:] += (7.0, 0.0)
-    assert window.parallax(turn @ path(5)[-1]) == pytest.approx(shift, rel=0.01)
-
-
-def test_the_largest_parallax_is_that_of_a_loop() -> None:
-    rng = np.random.default_rng(3)
-    poses = path(3)
-    rays = pinhole.normalised(project(scene(), poses), CAMERA) + rng.normal(0, 0.05, (3, 120, 2))
-    rays[rng.integers(0, 3, 120), np.arange(120)] = np.nan
-    expected = np.zeros(120)
-    for n in range(120):
-        views = np.flatnonzero(np.isfinite(rays[:, n, 0]))
-        first, second = (
-            poses[view, :3, :3].T @ two_view.homogeneous(rays[view, n]) for view in views
-        )
-        directions = first / np.linalg.norm(first), second / np.linalg.norm(second)
-        expected[n] = np.linalg.norm(directions[1] - directions[0])
-    np.testing.assert_allclose(largest_parallax(rays, poses), expected, rtol=1e-9)

@@ -21,6 +21,7 @@ from geovp_classic.types import (
     Context,
     FloatArray,
     Intrinsics,
+    Motion,
     Prediction,
     PrivilegedInput,
     ShownBy,
@@ -152,12 +153,20 @@ def test_in_half_the_size_the_mask_is_half_as_large() -> None:
     assert not copied[:, :-20].any()
 
 
-def test_without_a_hindcast_the_scene_is_shown() -> None:
-    renderer = Wall(offset=2.4)
-    prediction, context = predict(clip(), renderer, hindcast=None)
-    expected = renderer.view(context.future.world_from_cam, np.zeros(2), CAMERA).frames
-    np.testing.assert_array_equal(prediction.frames[0], expected)
-    assert prediction.is_trusted
+class Both(GroundTruth):
+    """A pose source of two samples: the true future, and one beside it."""
+
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        motion = super().estimate(context)
+        return replace(motion, futures=at((0.0, 0.0), (0.5, 0.0))[:, None] @ motion.futures[0])
+
+
+def test_each_sample_is_rendered_from_its_own_future() -> None:
+    context, _ = clip().split(NUM_PAST, GroundTruth.needs)
+    frames = GeometricPredictor(Both(), Wall()).predict(context, num_samples=2).frames
+    for offset, sample in zip((0.0, 0.5), frames, strict=True):
+        expected = Wall(offset).view(context.future.world_from_cam, np.zeros(2), CAMERA)
+        np.testing.assert_array_equal(sample, expected.frames)
 
 
 def test_confidence_falls_with_the_error_and_the_step() -> None:
@@ -204,16 +213,6 @@ def test_three_frames_are_no_test() -> None:
     context, _ = clip().split(3, GroundTruth.needs)
     mask = np.zeros(context.frames.shape[1:3], bool)
     assert Hindcast().judge(Brighter(), context, mask).error_ratio is None
-
-
-@pytest.mark.parametrize(
-    ("size_px", "view_px"),
-    [((1240, 376), (620, 188)), ((256, 192), (128, 96)), ((160, 80), (128, 64)), ((96, 72),) * 2],
-)
-def test_frames_are_half_as_large_but_not_below_128_px(
-    size_px: tuple[int, int], view_px: tuple[int, int]
-) -> None:
-    assert Hindcast().frame_size(CAMERA.resized(*size_px)) == view_px
 
 
 @dataclass

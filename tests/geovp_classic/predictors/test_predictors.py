@@ -1,4 +1,4 @@
-"""Predictors: copy-last, geometric and recorded predictions."""
+"""Predictors: copy-last and recorded predictions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.predictors.copy_last import CopyLast
-from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.recorded_predictions import RecordedPredictions
 from geovp_classic.types import (
     ByteArray,
@@ -22,10 +21,8 @@ from geovp_classic.types import (
     Context,
     FloatArray,
     Intrinsics,
-    Motion,
     PrivilegedInput,
     Trajectory,
-    Views,
 )
 
 NUM_PAST, NUM_FUTURE, HEIGHT, WIDTH = 4, 3, 6, 8
@@ -66,49 +63,6 @@ class TestCopyLast:
         assert prediction.frames.shape == (1, NUM_FUTURE, HEIGHT, WIDTH, 3)
         assert (prediction.frames == context.frames[-1]).all()
         assert prediction.motion is None
-
-
-class _Spread:
-    """A pose source that places sample s at x = s + 1 metres."""
-
-    needs = PrivilegedInput.CAMERA_HEIGHT
-
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        poses = np.tile(np.eye(4), (context.num_past, 1, 1))
-        past = Trajectory(poses, context.times_s[: context.num_past], is_metric=False)
-        futures = np.tile(np.eye(4), (num_samples, context.num_future, 1, 1))
-        futures[:, :, 0, 3] = np.arange(1, num_samples + 1)[:, None]
-        return Motion(past, futures, np.ones(context.num_past, dtype=bool))
-
-
-class _XAsGrey:
-    """A renderer with grey level 10 x at position x, covered in the upper half."""
-
-    needs = PrivilegedInput.PAST_DEPTHS
-
-    def reconstruct(self, context: Context, past: Trajectory) -> _XAsGrey:
-        self.past = past
-        return self
-
-    def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
-    ) -> Views:
-        shape = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
-        levels = 10 * world_from_cam[:, 0, 3, None, None, None]
-        frames = np.broadcast_to(levels, (*shape, 3)).astype(np.uint8)
-        covered = np.zeros(shape, dtype=bool)
-        covered[:, : intrinsics.height_px // 2] = True
-        return Views(frames, covered, np.ones(shape, dtype=np.float32))
-
-
-class TestGeometricPredictor:
-    def test_each_sample_is_rendered_from_its_own_future(self, context: Context) -> None:
-        predictor = GeometricPredictor(_Spread(), _XAsGrey())
-        prediction = predictor.predict(context, num_samples=5)
-        assert prediction.frames.shape == (5, NUM_FUTURE, HEIGHT, WIDTH, 3)
-        assert prediction.frames[:, 0, 0, 0, 0].tolist() == [10, 20, 30, 40, 50]
-        assert prediction.covered.mean() == 0.5
-        assert prediction.motion.futures.shape == (5, NUM_FUTURE, 4, 4)
 
 
 def write_images(folder: Path, frames: ByteArray) -> None:
@@ -163,9 +117,7 @@ class TestInvalidRecords:
     @pytest.mark.parametrize(
         "arrays",
         [
-            {"frames": RIGHT[:2]},
             {"frames": RIGHT[:, 1:]},
-            {"frames": RIGHT.astype(float)},
             {"frames": np.stack([RIGHT, RIGHT])},  # two samples instead of four
             {"images": RIGHT},
             {"frames": RIGHT, "covered": np.zeros(RIGHT.shape[:3])},  # float64

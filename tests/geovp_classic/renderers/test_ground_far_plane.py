@@ -80,21 +80,6 @@ def test_a_world_of_plain_and_sky_is_reproduced(pitch_deg: float, roll_deg: floa
         assert max_error(predict(clip, renderer), clip) < 5
 
 
-def test_pitch_is_also_estimated_while_backing_up() -> None:
-    clip = film(DRIVE[::-1] @ planar.level_vehicle_from_cam(np.deg2rad(-6.0)))
-    assert max_error(predict(clip, GroundFarPlane()), clip) < 5
-
-
-def test_depths_are_those_of_the_plain_and_the_sky() -> None:
-    clip = film(DRIVE)
-    views = predict(clip, GroundFarPlane())
-    np.testing.assert_allclose(
-        views.depths[views.covered], clip.depths[NUM_PAST:][views.covered], rtol=1e-4
-    )
-    assert np.isinf(views.depths).any()
-    assert (views.depths[~views.covered] == 0).all()
-
-
 def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
     turn = se3.exp(
         np.outer(np.r_[np.zeros(8), [0.2, 0.5, 1.5, 3.0]], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
@@ -110,16 +95,6 @@ def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
     np.testing.assert_array_equal(inpainted.covered, covered)
     np.testing.assert_array_equal(inpainted.frames[covered], blank.frames[covered])
     assert (inpainted.frames[0][~covered[0]] > 0).any(axis=-1).mean() > 0.9
-
-
-def test_a_camera_below_the_ground_sees_the_sky_only() -> None:
-    clip = film(DRIVE)
-    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
-    scene = GroundFarPlane(pitch_deg=0.0).reconstruct(context, clip.trajectory[:NUM_PAST])
-    sunken = scene.last.world_from_source @ se3.exp(np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0]))
-    views = scene.view(sunken[None], np.zeros(1), CAMERA)
-    assert not views.covered[0, 61:].any()
-    assert views.covered[0, :60].all()
 
 
 def test_missing_inputs_are_refused() -> None:

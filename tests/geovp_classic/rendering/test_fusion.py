@@ -77,15 +77,6 @@ def test_a_hardly_covered_view_is_the_last_frame(turn_deg: float) -> None:
         assert is_last
 
 
-def test_looking_back_or_from_behind_the_wall_shows_nothing() -> None:
-    scene = DepthFusion(Given(), inpainter=Blank()).reconstruct(*past_of(at((0, 0), (0, 1))))
-    backward = se3.exp(np.array([[0, 0, 0, 0, np.pi, 0]]))
-    poses = np.concatenate([backward, at((0, 20))])
-    views = scene.view(poses, np.array([0.3, 0.4]), CAMERA)
-    assert not views.covered.any()
-    assert (views.depths == 0).all()
-
-
 def test_smoothing_removes_dots_and_keeps_lines() -> None:
     inverse_depth = np.full((20, 30), 0.1, np.float32)
     inverse_depth[:, 20:22] = 0.4  # a pole

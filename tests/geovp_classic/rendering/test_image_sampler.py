@@ -3,9 +3,8 @@
 import tracemalloc
 
 import numpy as np
-import pytest
 
-from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry import se3
 from geovp_classic.rendering.image_sampler import ImageSampler
 from geovp_classic.rendering.rasterizer import NO_INDEX
 from geovp_classic.rendering.source import Source
@@ -57,33 +56,6 @@ def test_each_pixel_is_what_its_source_shows() -> None:
         difference = np.abs(frame[inner] - pattern(n, u, v)[inner])
         assert difference.mean() < 1.0  # OpenCV rounds to 32nds of a pixel
         assert difference.max() < 3.0
-
-
-@pytest.mark.parametrize(("distance", "expected"), [(0.0, "coarse"), (3.0, "blend"), (6.0, "fine")])
-def test_magnification_decides_between_fine_and_coarse_images(
-    distance: float, expected: str
-) -> None:
-    # The image is twice as fine as the view, of a wall at 9: half way there (4.5) all detail is
-    # shown.
-    rng = np.random.default_rng(1)
-    view_camera = Intrinsics(30.0, 30.0, 24.0, 17.5, 49, 36)
-    fine = rng.integers(0, 255, (72, 98, 3), dtype=np.uint8)
-    source = Source(fine, SOURCE_CAMERA, np.eye(4))
-    pose = se3.compose(np.eye(3), np.array([0, 0, distance]))
-    inverse_depth = np.full((36, 49), 1 / (9 - distance), np.float32)
-    index = np.zeros((36, 49), np.int32)
-    frame, _, magnification = ImageSampler.of([source], view_camera).sample(
-        inverse_depth, index, pose
-    )
-    np.testing.assert_allclose(magnification, 0.5 * 9 / (9 - distance), rtol=1e-4)
-    pixels, _ = source.project(inverse_depth, pose, view_camera)
-    coarse = Source(pinhole.resize(fine, (49, 36)), SOURCE_CAMERA, np.eye(4))
-    everywhere = np.ones((36, 49), bool)
-    from_fine = source.sample(pixels, everywhere)
-    from_coarse = coarse.sample(pixels, everywhere)
-    fraction = {"coarse": 0.0, "blend": 0.5, "fine": 1.0}[expected]
-    blended = from_coarse + fraction * (from_fine - from_coarse)
-    assert np.abs(frame - np.clip(blended, 0, 255)).max() < 1
 
 
 def test_the_memory_of_a_sampled_image_is_bounded() -> None:

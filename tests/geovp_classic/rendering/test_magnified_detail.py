@@ -1,21 +1,9 @@
 """Detail is transferred to magnified surfaces, at the contrast of the view."""
 
-import cv2
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.rendering.magnified_detail import MagnifiedDetail, wide_blur
-
-
-@pytest.mark.parametrize("sigma_px", [1.0, 4.0, 6.0, 8.0, 20.0])
-def test_wide_blur_nearly_equals_a_gaussian_blur(sigma_px: float) -> None:
-    noise = np.random.default_rng(1).uniform(0, 255, (96, 128, 3)).astype(np.float32)
-    image = cv2.GaussianBlur(noise, (0, 0), 1.0)
-    expected = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
-    difference = np.abs(wide_blur(image, sigma_px) - expected)  # grey levels of 255
-    assert difference[8:-8, 8:-8].max() < 2.0
-    assert difference.mean() < 0.3 * expected.std() + 0.1
+from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 
 
 def test_detail_is_added_only_where_magnification_removed_it() -> None:
@@ -32,11 +20,3 @@ def test_detail_is_added_only_where_magnification_removed_it() -> None:
     roughness = np.abs(np.diff(transferred.astype(int), axis=1)).mean(axis=(0, 2))
     assert roughness[36:].mean() > 1.5 * before[36:].mean()
     np.testing.assert_allclose(roughness[:28], before[:28])
-
-
-def test_uniform_views_stay_uniform() -> None:
-    observed = np.random.default_rng(1).integers(60, 200, (48, 64, 3), dtype=np.uint8)
-    uniform = np.full((1, 48, 64, 3), 128, np.uint8)
-    magnification = np.full((1, 48, 64), 3.0, np.float32)
-    transferred = MagnifiedDetail().transfer(uniform, magnification, observed)
-    assert np.abs(transferred.astype(int) - 128).mean() < 5

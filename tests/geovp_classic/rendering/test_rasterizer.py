@@ -93,18 +93,6 @@ def patches_at_the_centre(*inverse_depths: float) -> Patches:
     )
 
 
-def test_one_patch_covers_its_pixels() -> None:
-    rendered, winner = MODEL.rasterise(
-        patches_at_the_centre(0.5), [SOURCE], np.eye(4)[None], CAMERA
-    )
-    # 1.04 pixels of f = 12 are 3.47 of f = 40 and 3.81 of f = 44, around (19.5, 15.5): 4 x 4 pixel
-    # centres.
-    expected = np.zeros((32, 40), bool)
-    expected[14:18, 18:22] = True
-    np.testing.assert_array_equal(winner[0] == 0, expected)
-    np.testing.assert_allclose(rendered[0, expected], 0.5)
-
-
 def test_the_sky_is_behind_everything_and_too_near_patches_are_left_out() -> None:
     poses = se3.compose(np.eye(3), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.9999]]))
     _, winner = MODEL.rasterise(patches_at_the_centre(0.0, 0.5), [SOURCE], poses, CAMERA)
@@ -119,12 +107,9 @@ def test_coarse_views_show_the_same_with_fewer_patches() -> None:
     cloud = MODEL.from_depth_map(inverse_depth, np.ones((80, 100), bool), 0)
     poses = se3.compose(np.eye(3), np.array([[0.0, 0, 0], [0, 0, 1.0]]))
     fine, _ = MODEL.rasterise(cloud, [source], poses, camera)
-    coarse, winner = MODEL.rasterise(cloud, [source], poses, camera.resized(10, 8))
+    coarse, _ = MODEL.rasterise(cloud, [source], poses, camera.resized(10, 8))
     assert (coarse[0] > 0).all()
     # The middle of a coarse pixel lies between two fine ones.
     is_same = (fine[:, 4::10, 4::10] == fine[:, 5::10, 5::10]) & (coarse > 0)
     assert is_same.mean() > 0.8
     np.testing.assert_allclose(coarse[is_same], fine[:, 4::10, 4::10][is_same], rtol=1e-5)
-    # Each patch lies within half a coarse pixel of where the view shows it.
-    expected = np.stack(np.meshgrid(np.arange(10), np.arange(8)), axis=-1) * 10 + 4.5
-    assert np.abs(cloud.pixels[winner[0]] - expected).max() <= 5

@@ -113,15 +113,6 @@ def test_a_repeated_frame_is_no_standstill(live: LivePredictor, clip: Clip) -> N
     assert psnr_db(view.frame, clip.frames[11]) > psnr_db(clip.frames[9], clip.frames[11]) + 3
 
 
-def test_lost_frames_are_bridged(clip: Clip) -> None:
-    live = LivePredictor(clip.intrinsics, clip.camera_height_m)
-    for step in (0, 1, 2, 4, 5, 8, 9, 10, 11, 13):
-        assert live.push(clip.frames[step], clip.times_s[step]).status == "used"
-    view = live.view(clip.times_s[15])
-    assert view.is_predicted
-    assert psnr_db(view.frame, clip.frames[15]) > psnr_db(clip.frames[13], clip.frames[15]) + 3
-
-
 def test_in_a_tunnel_the_black_frame_is_shown_with_a_warning(
     live: LivePredictor, clip: Clip
 ) -> None:

@@ -78,19 +78,6 @@ def test_depths_features_and_views_are_those_of_the_authors_code(name: str) -> N
     assert digest(views.frames) == pytest.approx(image, abs=TOLERANCE)
 
 
-def test_the_untrained_depth_is_ten_metres_and_an_opacity_at_most_968_thousandths() -> None:
-    """A sigmoid of 0 is half: 1 / (10 / 2 + .01) = .1996 units of 50 m. A point in the middle of a
-    pixel has 1 - sqrt(.001) = .9684.
-    """
-    generator = Generator(Architecture())
-    generator.depth_network.unet = lambda maps: torch.zeros_like(maps[:, :1])
-    inverse_depths = generator.depth_network(random_images(1, 3, 256, 256))
-    torch.testing.assert_close(1 / inverse_depths, torch.full((1, 256, 256), 50 / 5.01))
-    middle = torch.zeros(1, 1, 2), torch.ones(1, 1), torch.ones(1, 1, dtype=torch.bool)
-    _, opacities = generator.splatter(256)(*middle, torch.ones(1, 1, 1), (1, 1))
-    assert float(opacities) == pytest.approx(1 - math.sqrt(0.001))
-
-
 def test_adversarial_losses_are_those_of_the_authors_code() -> None:
     """compute_generator_loss and compute_discrimator_loss of gan_loss.py, with lambda_feat 10."""
     critic = MultiScaleDiscriminator(64).eval()

@@ -74,29 +74,3 @@ def test_gradients_are_those_of_finite_differences_and_go_through_the_camera() -
         return Splatter(1.5, 4, 1e-3)(positions, depths.detach(), in_front, coloured, SIZE_PX)
 
     assert torch.autograd.gradcheck(images, (depths, features), eps=1e-7, atol=1e-3, rtol=1e-3)
-
-
-def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_inverse_depth() -> (
-    None
-):
-    motion = torch.eye(4, dtype=torch.float64)[None].clone()
-    motion[0, 2, 3] = -2.0
-    ray = torch.tensor([[[0.25, -0.1, 1.0], [0.25, -0.1, 1.0]]], dtype=torch.float64)
-    depths = torch.tensor([[0.25, 0.0]], dtype=torch.float64)  # a wall, and the sky behind it
-    positions, there, _ = splatting.project(ray, depths, motion, CAMERA, NEAR_M)
-    np.testing.assert_allclose(
-        positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]]
-    )
-    np.testing.assert_allclose(there[0].numpy(), [0.5, 0.0])
-
-
-def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
-    motion = torch.eye(4, dtype=torch.float64)[None].clone()
-    motion[0, 2, 3] = -4.0
-    ray = torch.tensor([[[0.0, 0.0, 1.0]] * 4], dtype=torch.float64)
-    distances_m = [3.0, 4.0, 4.0 + 0.9 * NEAR_M, 4.0 + 1.1 * NEAR_M]
-    depths = 1 / torch.tensor([distances_m], dtype=torch.float64)
-    positions, there, in_front = splatting.project(ray, depths, motion, CAMERA, NEAR_M)
-    assert in_front[0].tolist() == [False, False, False, True]
-    assert torch.isfinite(positions).all()
-    assert torch.isfinite(there).all()

@@ -1,10 +1,7 @@
 """The three methods, small enough to learn something in seconds, and worlds to learn."""
 
-import numpy as np
 import pytest
 import street
-import torch
-from torch import Tensor
 
 from geovp_classic.types import ByteArray
 from geovp_learned.video import slamp, srvp, svg, training
@@ -47,12 +44,3 @@ def method(name: str) -> VideoTraining:
 def street_window() -> ByteArray:
     """Six frames [6, 16, 16, 3] of the contracts' street."""
     return training.resize(street.clip().frames[:6], 16, 16)
-
-
-@pytest.fixture(scope="session")
-def coin_flips() -> Tensor:
-    """Clips [12, 6, 3, 16, 16] of plain frames, each dark or bright as a coin falls: nothing in the
-    past tells.
-    """
-    levels = np.random.default_rng(0).choice([0.2, 0.8], (12, 6))
-    return torch.from_numpy(np.tile(levels[:, :, None, None, None], (1, 1, 3, 16, 16))).float()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned.stored_clips import Window, windows
+from geovp_learned.stored_clips import Window
 from geovp_learned.video.svg import SvgTraining
 
 
@@ -14,17 +14,6 @@ def clip(num_frames: int) -> Clip:
         + np.arange(num_frames, dtype=np.uint8)[:, None, None, None]
     )
     return Clip("levels", frames, np.arange(num_frames) / 10, Intrinsics(8, 8, 3.5, 3.5, 8, 8))
-
-
-def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
-    clips = [{"frames": clip(length).frames} for length in (10, 3, 5)]
-    places = windows(clips, num_frames=4, stride=3)
-    assert [(len(each.clip["frames"]), each.first) for each in places] == [
-        (10, 0),
-        (10, 3),
-        (10, 6),
-        (5, 0),
-    ]
 
 
 def test_an_example_has_the_frames_of_its_window() -> None:

@@ -2,11 +2,8 @@
 pose is known.
 """
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -56,30 +53,18 @@ def _image(camera: Intrinsics, world_from_cam: FloatArray) -> ByteArray:
     return cv2.GaussianBlur(value.reshape(camera.height_px, camera.width_px), (0, 0), 0.6)
 
 
-@pytest.fixture(scope="session")
-def camera() -> Intrinsics:
-    return Intrinsics(220.0, 220.0, 127.5, 85.5, 256, 192)
+CAMERA = Intrinsics(220.0, 220.0, 127.5, 85.5, 256, 192)
+Film = tuple[ByteArray, FloatArray]  # images [T, H, W, 3] and poses [T, 4, 4]
 
 
-@pytest.fixture(scope="session")
-def drive(camera: Intrinsics) -> Callable[[FloatArray], tuple[ByteArray, FloatArray]]:
-    """Images [T, H, W, 3] and poses [T, 4, 4] of a camera that repeats the given twists [T - 1, 6]
-    one by one.
-    """
-
-    def film(twists: FloatArray) -> tuple[ByteArray, FloatArray]:
-        poses = [np.eye(4)]
-        for twist in twists:
-            poses.append(poses[-1] @ se3.exp(twist))
-        greys = np.stack([_image(camera, pose) for pose in poses])
-        return np.repeat(greys[..., None], 3, axis=-1), np.stack(poses)
-
-    return film
+def drive(twists: FloatArray) -> Film:
+    """Return the film of a camera that repeats the given twists [T - 1, 6] one by one."""
+    poses = [np.eye(4)]
+    for twist in twists:
+        poses.append(poses[-1] @ se3.exp(twist))
+    greys = np.stack([_image(CAMERA, pose) for pose in poses])
+    return np.repeat(greys[..., None], 3, axis=-1), np.stack(poses)
 
 
-@pytest.fixture(scope="session")
-def straight(
-    drive: Callable[[FloatArray], tuple[ByteArray, FloatArray]],
-) -> tuple[ByteArray, FloatArray]:
-    """Ten images, 0.5 m apart and turning by 0.3 degrees each."""
-    return drive(np.tile([0, 0, 0.5, 0, np.radians(0.3), 0], (9, 1)))
+# Ten images, 0.5 m apart and turning by 0.3 degrees each.
+STRAIGHT = drive(np.tile([0, 0, 0.5, 0, np.radians(0.3), 0], (9, 1)))

@@ -1,9 +1,6 @@
 """A street of flat ground, a wall ahead and a box in front of it, with or without a moving car."""
 
-from collections.abc import Callable
-
 import numpy as np
-import pytest
 
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
@@ -54,33 +51,17 @@ def depth_of_street(
     return depth, origin + depth[..., None] * rays
 
 
-def image_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
+def image(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
     """Render the street, uint8 [H, W, 3]."""
     _, points = depth_of_street(world_from_cam, _double(camera))
     grey = np.clip(np.round(_halve(_texture(points, 0.0))), 0, 255).astype(np.uint8)
     return np.repeat(grey[..., None], 3, axis=-1)
 
 
-@pytest.fixture(scope="session")
-def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
-    """Return a function of poses: context, past and true inverse depths [P, H, W] of the street."""
-
-    def _observe(
-        world_from_cam: FloatArray, unit_m: float = 1.0
-    ) -> tuple[Context, Trajectory, FloatArray]:
-        num_past = len(world_from_cam)
-        times_s = 0.1 * np.arange(num_past + 1)
-        frames = np.stack([image_of_street(pose) for pose in world_from_cam])
-        depths = np.stack([depth_of_street(pose)[0] for pose in world_from_cam])
-        poses = np.array(world_from_cam)
-        poses[:, :3, 3] /= unit_m
-        past = Trajectory(poses, times_s[:num_past], unit_m == 1.0)
-        return Context(frames, times_s, CAMERA), past, unit_m / depths
-
-    return _observe
-
-
-@pytest.fixture(scope="session")
-def image() -> Callable[..., FloatArray]:
-    """Return the function that renders the street from a pose."""
-    return image_of_street
+def observe(world_from_cam: FloatArray) -> tuple[Context, Trajectory, FloatArray]:
+    """Return context, past and true inverse depths [P, H, W] of the street from some poses."""
+    times_s = 0.1 * np.arange(len(world_from_cam) + 1)
+    frames = np.stack([image(pose) for pose in world_from_cam])
+    depths = np.stack([depth_of_street(pose)[0] for pose in world_from_cam])
+    past = Trajectory(world_from_cam, times_s[:-1], is_metric=True)
+    return Context(frames, times_s, CAMERA), past, 1 / depths
