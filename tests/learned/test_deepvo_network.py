@@ -68,14 +68,11 @@ def test_a_window_has_the_frames_of_the_past_and_all_motions() -> None:
     clip = street.clip()
     examples = method.examples([method.prepare(clip)], training=True)
     assert [window.first for window in examples] == [0, 1, 2, 3]  # 7 of 10 frames
-    coloured, grey = (
-        method.validation_example(examples[2]),
-        method.example(examples[2], np.random.default_rng(0)),
-    )
+    coloured = method.validation_example(examples[2])
+    grey = method.example(examples[2], np.random.default_rng(0))
     assert coloured["images"].shape == (4, 3, 64, 64)
     assert not torch.equal(coloured["images"][:, 0], coloured["images"][:, 2])
     assert torch.equal(grey["images"][:, 0], grey["images"][:, 2])
     poses = clip.trajectory.world_from_cam
     after_first = poses[2] @ coloured["motions"][0].numpy()
     np.testing.assert_allclose(after_first, poses[3], atol=1e-4)
-    assert coloured["motions"].shape == (6, 4, 4)

@@ -302,19 +302,12 @@ def test_a_state_of_another_run_or_a_truncated_one_is_refused(tmp_path: Path) ->
 
 
 def test_the_rate_rises_and_falls() -> None:
-    settings = replace(SETTINGS, num_steps=105, warmup_steps=5, final_rate=0.2)
-    assert [learning_rate_factor(step, settings) for step in (0, 4)] == [0.2, 1.0]
-    assert learning_rate_factor(5, settings) == 1.0
-    assert learning_rate_factor(55, settings) == pytest.approx(0.6)  # half way down from 1 to 0.2
-    assert learning_rate_factor(105, settings) == pytest.approx(0.2)
-
-
-def test_the_rate_is_held_and_then_falls_along_a_line() -> None:
-    """The schedule of SRVP: of 100 steps the last 40 bring the rate to zero."""
-    settings = replace(
-        SETTINGS, num_steps=100, warmup_steps=0, final_rate=0.0, decay="linear", decay_steps=40
-    )
-    factors = [learning_rate_factor(step, settings) for step in (0, 60, 70, 100)]
+    """Along a cosine from 1 to 0.2, or as of SRVP, along a line to 0 in the last 40 steps."""
+    cosine = replace(SETTINGS, num_steps=105, warmup_steps=5, final_rate=0.2)
+    factors = [learning_rate_factor(step, cosine) for step in (0, 4, 5, 55, 105)]
+    assert factors == pytest.approx([0.2, 1.0, 1.0, 0.6, 0.2])
+    line = replace(cosine, warmup_steps=0, final_rate=0.0, decay="linear", decay_steps=40)
+    factors = [learning_rate_factor(step, line) for step in (0, 65, 75, 105)]
     assert factors == pytest.approx([1.0, 1.0, 0.75, 0.0])
 
 

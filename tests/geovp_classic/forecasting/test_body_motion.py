@@ -9,7 +9,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import body_motion
 from geovp_classic.forecasting.body_motion import BodyForecast, BodyMotion
 from geovp_classic.forecasting.kalman import TurnRateKalman
-from geovp_classic.forecasting.motion_network import MIRRORED_TWIST
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -78,14 +77,6 @@ def test_body_motion_keeps_position_and_heading() -> None:
     off = se3.log(se3.inverse(without) @ with_it)
     np.testing.assert_allclose(off[:, [0, 2, 4]], 0, atol=1e-3)
     assert np.abs(off[:, 3]).max() > 1e-3
-
-
-def test_a_mirrored_past_has_the_mirrored_future() -> None:
-    twists = np.random.default_rng(0).normal([0, 0, 9.0, 0, 0, 0], 0.1, (1, 9, 6))
-    fitted = body_motion.load(None)
-    mirrored = fitted.means(twists * MIRRORED_TWIST)
-    expected = fitted.means(twists) * [1.0, 1.0, -1.0]  # heave, pitch, roll
-    np.testing.assert_allclose(mirrored, expected, atol=1e-5)
 
 
 def test_an_unreadable_file_is_rejected(tmp_path: Path) -> None:

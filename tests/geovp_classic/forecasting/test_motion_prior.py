@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import motion_network, motion_prior
+from geovp_classic.forecasting import motion_network
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -79,12 +79,3 @@ def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:
     # Five steps turn by .5 rad/s * .1 s, each by .95 of the one before.
     np.testing.assert_allclose(np.diff(path[:5, 2]), 0.05 * 0.95 ** np.arange(2, 6))
     np.testing.assert_allclose(path[5:], path[4][None].repeat(5, 0), atol=1e-12)
-
-
-def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
-    def width(speed_m_s: float) -> float:
-        twists = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
-        mixture = motion_prior.path_mixture(motion_prior.load(None), twists, np.array([2.0]))
-        return float(np.sqrt(mixture.covariances[:, 0, 1, 1]).max())
-
-    assert width(60.0) < 2 * width(25.0)

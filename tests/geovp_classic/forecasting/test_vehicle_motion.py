@@ -38,12 +38,6 @@ def test_a_quarter_circle_in_one_step() -> None:
     )
 
 
-def test_the_path_is_a_smooth_function_of_the_turn_rate_at_zero() -> None:
-    ends = [MODEL.transition(np.array([0, 0, 0, 10.0, turn]), 0.5)[:2] for turn in (0.0, 1e-9)]
-    np.testing.assert_allclose(ends[0], [0, 5])
-    np.testing.assert_allclose(ends[1], ends[0], atol=1e-7)
-
-
 def test_a_camera_ahead_of_the_axle_swings_outwards() -> None:
     # A turn of 90 degrees on the spot moves a camera 2 m ahead of the axle from (0, 2) to (2, 0).
     swung = replace(MODEL, lever_arm_m=2.0).transition(np.array([0, 2.0, 0, 0, np.pi / 2]), 1.0)

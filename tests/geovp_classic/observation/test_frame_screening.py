@@ -55,18 +55,6 @@ def test_context_and_past_lose_the_same_steps(film: ByteArray) -> None:
     np.testing.assert_array_equal(context.past.world_from_cam, poses[[0, 1, 3, 4, 5, 6, 7]])
 
 
-@pytest.mark.parametrize(("moved_grey", "is_kept"), [(2, True), (4, False)])
-def test_an_equal_image_is_a_duplicate_only_after_motion(
-    moved_grey: int, is_kept: bool, film: ByteArray
-) -> None:
-    half = film[:1] // 2
-    assert usable(np.concatenate([half, half + moved_grey, half + moved_grey])).tolist() == [
-        True,
-        True,
-        is_kept,
-    ]
-
-
 @pytest.fixture(scope="module")
 def street() -> ByteArray:
     """Ten frames of a drive round a corner."""

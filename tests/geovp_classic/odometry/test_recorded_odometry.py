@@ -87,12 +87,6 @@ def test_the_ground_plane_gives_metres_to_a_file_of_any_unit(tmp_path: Path) -> 
     assert past.scale_uncertainty < 0.1
 
 
-def test_a_file_on_another_clock_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "late.txt", [7, 8, 9])
-    with pytest.raises(BadData, match="data set's clock, time since the start in seconds"):
-        build(path).track(context_of(build(path)))
-
-
 @pytest.mark.parametrize("times_per_s", [1, 1e9])
 def test_unix_times_in_seconds_or_nanoseconds_are_matched(
     tmp_path: Path, times_per_s: float

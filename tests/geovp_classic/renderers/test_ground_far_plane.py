@@ -86,14 +86,12 @@ def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
     )
     clip = film(turn)
     blank = predict(clip, GroundFarPlane(inpainter=Blank()))
-    inpainted = predict(clip, GroundFarPlane(inpainter=NearestBackground()))
     covered = blank.covered
     fractions = covered.mean(axis=(1, 2))
     assert 0.7 < fractions[0] < 0.9
     assert fractions[2] == fractions[3] == 0  # 86 degrees, and looking back
     assert (blank.frames[~covered] == 0).all()
-    np.testing.assert_array_equal(inpainted.covered, covered)
-    np.testing.assert_array_equal(inpainted.frames[covered], blank.frames[covered])
+    inpainted = predict(clip, GroundFarPlane(inpainter=NearestBackground()))
     assert (inpainted.frames[0][~covered[0]] > 0).any(axis=-1).mean() > 0.9
 
 

@@ -6,7 +6,7 @@ import pytest
 from geovp_classic.depth.given import Given
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.volume_fusion import VolumeFusion
-from geovp_classic.rendering.volume import VolumeSettings, close_gaps
+from geovp_classic.rendering.volume import close_gaps
 from geovp_classic.types import Context, FloatArray, Trajectory, Views
 from tests.geovp_classic.rendering.wall import CAMERA, at, past_of, wall
 
@@ -47,17 +47,6 @@ def test_surfaces_beyond_reach_do_not_come_nearer() -> None:
     assert np.isinf(views.depths[0, :16]).all()
     np.testing.assert_array_equal(views.frames[0, :16], context.frames[1, :16])
     assert views.covered[0, :16].all()
-
-
-def test_a_volume_without_surfaces_is_empty() -> None:
-    context, past = past_of(at((0, 0), (0, 1)))
-    zeros = np.zeros((2, 48, 64))
-    volume = VolumeSettings().integrate(
-        context.frames, zeros, zeros > 0, CAMERA, past.world_from_cam
-    )
-    colours, inverse_depth = volume.cast(past.world_from_cam[-1], CAMERA)
-    assert np.isnan(inverse_depth).all()
-    assert (colours == 0).all()
 
 
 def test_gaps_in_a_column_become_the_plane_between() -> None:

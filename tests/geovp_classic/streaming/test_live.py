@@ -142,15 +142,6 @@ def test_after_a_cut_the_track_starts_anew(live: LivePredictor, clip: Clip) -> N
         live.view(30.0)
 
 
-@pytest.mark.parametrize("jump_s", [-3600.0, 3600.0])
-def test_after_a_jump_of_the_clock_the_track_starts_anew(
-    live: LivePredictor, clip: Clip, jump_s: float
-) -> None:
-    time_s = clip.times_s[10] + jump_s
-    assert live.push(clip.frames[10], time_s).status == "restarted"
-    assert live.view(time_s + 0.1).warning == "too few usable frames since the start: 1"
-
-
 @dataclass(frozen=True)
 class Watching(Hold):
     """A forecaster that calls a function, which is done in the middle of a push."""
