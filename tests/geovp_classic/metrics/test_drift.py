@@ -61,6 +61,15 @@ def test_a_short_path_has_no_drift() -> None:
     assert str(drift.kitti_drift(straight(400), straight(400))) == "0.00 % / 0.000 deg/100m"
 
 
+def test_alignment_removes_its_transform() -> None:
+    truth = wobbly(1)
+    for how in drift.ALIGNMENTS:
+        moved = se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ truth.world_from_cam
+        moved[:, :3, 3] *= 3 if how in ("scale", "sim3") else 1
+        estimate = Trajectory(moved, truth.times_s, False)
+        assert drift.absolute_error_m(drift.aligned(estimate, truth, how), truth).max() < 1e-6
+
+
 def test_unequal_lengths_are_refused() -> None:
     with pytest.raises(BadData, match="3 estimated poses for 4 real ones"):
         drift.absolute_error_m(straight(2), straight(3))
