@@ -27,8 +27,6 @@ class Stereo:
     their instants.
     """
 
-    # Steps to estimate, counted from the end when negative
-    frames: tuple[int, ...] = (-1,)
     # Nearer surfaces are not searched for. KITTI's lowest row shows the road at 5.8 m.
     nearest_m: float = 4.0
     block_px: int = 5
@@ -43,15 +41,13 @@ class Stereo:
     needs = PrivilegedInput.RIGHT_FRAMES
 
     def __post_init__(self) -> None:
-        if not self.frames or not self.nearest_m > 0:
-            raise BadData(
-                f"stereo: frames {self.frames}, nearest_m {self.nearest_m}: expected a frame "
-                "and a distance"
-            )
+        if not self.nearest_m > 0:
+            raise BadData(f"stereo: nearest_m is {self.nearest_m}, expected a distance")
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0
-        where filled or not estimated.
+        """Return inverse depth [P, H, W] per metre and confidence [P, H, W] of the last frame.
+
+        The confidence is 1 where it matched, 0 where it was filled, and in all other frames.
 
         Incompatible without right images, with unrectified ones, or when the poses are not in
         metres.
@@ -64,24 +60,17 @@ class Stereo:
             raise Incompatible(
                 "stereo depth is in metres, the poses are not: give the odometry a scale"
             )
-        num_past = context.num_past
-        if not all(-num_past <= frame < num_past for frame in self.frames):
-            raise BadData(
-                f"stereo: frames {self.frames} of {num_past} observed ones: choose from "
-                f"-{num_past} to -1"
-            )
         camera = context.intrinsics
         baseline_m = self._baseline_m(context.right)
         num_disparities = 16 * int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16))
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
-        for step in self.frames:
-            right = right_at_scale(context.right, step % num_past, camera, num_disparities)
-            disparity_px = self._disparity_px(context.frames[step], right, num_disparities)
-            is_matched = disparity_px >= 0
-            inverse_depth = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
-            inverse_depths[step] = fill_from_background(inverse_depth, is_matched)
-            confidence[step] = is_matched
+        right = right_at_scale(context.right, camera, num_disparities)
+        disparity_px = self._disparity_px(context.frames[-1], right, num_disparities)
+        is_matched = disparity_px >= 0
+        inverse_depth = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
+        inverse_depths[-1] = fill_from_background(inverse_depth, is_matched)
+        confidence[-1] = is_matched
         return inverse_depths, confidence
 
     def _disparity_px(self, frame: ByteArray, right: ByteArray, num_disparities: int) -> FloatArray:
@@ -122,21 +111,17 @@ class Stereo:
         return baseline_m
 
 
-def right_at_scale(
-    right: ExtraView,
-    step: int,
-    camera: Intrinsics,
-    left_px: int,
-) -> ByteArray:
-    """Render the right image [H, left_px + W, 3] as `camera` would see it from there, with columns
-    added on its left.
+def right_at_scale(right: ExtraView, camera: Intrinsics, left_px: int) -> ByteArray:
+    """Render the last right image [H, left_px + W, 3] as `camera` would see it from there.
+
+    Columns are added on its left.
 
     Rows then match those of the camera's own image, and columns differ by the disparity alone.
     """
     native = right.intrinsics
     width_px = max(1, round(native.width_px * camera.fx_px / native.fx_px))
     height_px = max(1, round(native.height_px * camera.fy_px / native.fy_px))
-    small = cv2.resize(right.frames[step], (width_px, height_px), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(right.frames[-1], (width_px, height_px), interpolation=cv2.INTER_AREA)
     resized = native.resized(width_px, height_px)
     scale_u = camera.fx_px / resized.fx_px  # next to 1
     scale_v = camera.fy_px / resized.fy_px
@@ -145,5 +130,4 @@ def right_at_scale(
     affine = np.array([[scale_u, 0, shift_u], [0, scale_v, shift_v]])
     size_px = (camera.width_px + left_px, camera.height_px)
     border = cv2.BORDER_REPLICATE
-    moved = cv2.warpAffine(small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border)
-    return np.asarray(moved, np.uint8)
+    return cv2.warpAffine(small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border)

@@ -126,7 +126,7 @@ def _overlap_fraction(source_from_reference: FloatArray, camera: Intrinsics) -> 
     pixels, _ = pinhole.project(rays @ rotations, camera)
     last = np.array([camera.width_px - 1, camera.height_px - 1])
     is_inside = ((pixels >= 0) & (pixels <= last)).all(axis=-1)
-    return np.asarray(is_inside.mean(axis=-1))
+    return is_inside.mean(axis=-1)
 
 
 def _grid_rays(camera: Intrinsics, width_px: int, height_px: int, num: int = 8) -> FloatArray:

@@ -25,4 +25,4 @@ def frechet_distances(real: FloatArray, predicted: FloatArray) -> FloatArray:
     squares = (centred**2 + centred_predicted**2).sum(axis=1)
     of_means = offset @ offset + 2 * (centred - centred_predicted) @ offset
     of_covariances = count / (count - 1) * squares - count * loads @ singular
-    return np.asarray(of_means + of_covariances)
+    return of_means + of_covariances

@@ -85,7 +85,7 @@ class FrameScreening:
         )
         if corners is None or len(corners) < self.min_cut_corners:
             return True
-        pixels = np.asarray(corners.reshape(-1, 2), np.float32)
+        pixels = corners.reshape(-1, 2)
         _, is_tracked, _ = track_points(images, pixels, pixels, self.cut_window_px)
         return bool(is_tracked.mean() >= self.max_cut_tracked_fraction)
 
@@ -93,7 +93,7 @@ class FrameScreening:
         """Return a small image of fixed contrast, independent of exposure."""
         width_px = round(grey.shape[1] * self.cut_height_px / len(grey))
         small = cv2.resize(grey, (width_px, self.cut_height_px), interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.equalizeHist(small), np.uint8)
+        return cv2.equalizeHist(small)
 
 
 def _difference(before: ByteArray, now: ByteArray) -> float:

@@ -253,10 +253,5 @@ def _warped(mask: BoolArray, camera: Intrinsics, other: Intrinsics) -> BoolArray
     """Return a camera's mask [H, W] as another camera at the same place sees it."""
     other_from_this = other.matrix @ np.linalg.inv(camera.matrix)
     size_px = (other.width_px, other.height_px)
-    warped = cv2.warpAffine(
-        mask.astype(np.uint8),
-        other_from_this[:2],
-        size_px,
-        flags=cv2.INTER_NEAREST,
-    )
-    return np.asarray(warped > 0)
+    grey, nearest = mask.astype(np.uint8), cv2.INTER_NEAREST
+    return cv2.warpAffine(grey, other_from_this[:2], size_px, flags=nearest) > 0

@@ -73,8 +73,7 @@ def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
             "mask of the frames' aspect ratio"
         )
     size_px = (width_px, height_px)
-    resized = cv2.resize(image, size_px, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(resized > 0)
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_NEAREST) > 0
 
 
 def scene_window(mask: BoolArray) -> Window:

@@ -8,6 +8,7 @@ import numpy as np
 from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
+from geovp_classic.odometry.recorded_past import recorded
 from geovp_classic.types import (
     Context,
     FloatArray,
@@ -51,11 +52,7 @@ class Commanded:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and the commanded future; raise Incompatible without poses."""
-        past = context.past
-        if past is None:
-            raise Incompatible(
-                "commanded continues recorded past poses, the clip has none: choose another clip"
-            )
+        past = recorded(context.past, "past")
         last_s = context.times_s[context.num_past - 1]
         ahead_s = context.times_s[context.num_past :] - last_s
         if self.futures is None:

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from geovp_classic.geometry import planar
 from geovp_classic.interfaces import PoseSource
 from geovp_classic.types import Context, Motion, PrivilegedInput
@@ -13,13 +11,11 @@ from geovp_classic.types import Context, Motion, PrivilegedInput
 class Planar:
     """A pose source whose futures are reduced to the vehicle's plane (GT-2D from GT-3D).
 
-    The plane is that of the last observed frame. Height, pitch and roll stay as in that frame; the
-    past is unchanged.
+    The plane is the x-z plane of the last observed camera. Height, pitch and roll stay as in that
+    frame; the past is unchanged.
     """
 
     source: PoseSource
-    pitch_deg: float = 0.0  # of the camera, upwards from the plane
-    roll_deg: float = 0.0  # of the camera, clockwise
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -29,10 +25,6 @@ class Planar:
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the source's motion with planar futures."""
         motion = self.source.estimate(context.only(self.source.needs), num_samples)
-        pitch_rad = np.radians(self.pitch_deg)
-        roll_rad = np.radians(self.roll_deg)
-        vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
-        world_from_last = motion.past.world_from_cam[-1]
-        states = planar.reduce(motion.futures, world_from_last, vehicle_from_cam)
-        futures = planar.lift(states, world_from_last, vehicle_from_cam)
+        plane = motion.past.world_from_cam[-1], planar.level_vehicle_from_cam()
+        futures = planar.lift(planar.reduce(motion.futures, *plane), *plane)
         return replace(motion, futures=futures)

@@ -36,11 +36,6 @@ class GroundFarPlane:
     """
 
     inpainter: Inpainter = DetailTransfer()
-    # How far the camera looks above the ground. None: above the direction of travel, averaged over
-    # the past, because a vehicle travels along its road. A pitch known from the mounting is better
-    # than one second of noisy heights.
-    pitch_deg: float | None = None
-    roll_deg: float = 0.0  # clockwise
     # A shorter path has no direction of travel: the pitch is 0. Set by hand: heights are a tenth as
     # exact.
     min_path_m: float = 0.1
@@ -58,25 +53,22 @@ class GroundFarPlane:
             raise Incompatible(
                 "the camera's height is in metres, the poses are not: give the odometry a scale"
             )
-        level_from_cam = planar.level_vehicle_from_cam(self._pitch_rad(past), self._roll_rad)
+        level_from_cam = planar.level_vehicle_from_cam(self._pitch_rad(past))
         normal_last = level_from_cam[1, :3]
         last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
         return GroundFarScene(last, normal_last, context.camera_height_m, self.inpainter)
 
-    @property
-    def _roll_rad(self) -> float:
-        return float(np.deg2rad(self.roll_deg))
-
     def _pitch_rad(self, past: Trajectory) -> float:
-        """Return how far the camera looks above the ground."""
-        if self.pitch_deg is not None:
-            return float(np.deg2rad(self.pitch_deg))
+        """Return how far the camera looks above the ground.
+
+        This is its angle to the direction of travel, averaged over the past, because a vehicle
+        travels along its road.
+        """
         after_from_before = se3.inverse(se3.steps(past.world_from_cam))
-        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)
-        unrolled = -after_from_before[:, :3, 3] @ level_from_rolled[:3, :3].T
-        if np.abs(unrolled[:, 2]).sum() <= self.min_path_m:
+        steps_m = -after_from_before[:, :3, 3]
+        if np.abs(steps_m[:, 2]).sum() <= self.min_path_m:
             return 0.0
-        return planar.travel_pitch_rad(unrolled)
+        return planar.travel_pitch_rad(steps_m)
 
 
 @dataclass(frozen=True)

@@ -55,12 +55,10 @@ class ToneCurve:
         scaled = cv2.LUT(frame, table)
         highlight = self._highlight(log_gain)
         if highlight < 0.5:
-            return np.asarray(scaled, np.uint8)
-        table = self._saturation.astype(np.float32)
-        saturation = cv2.LUT(frame, table)
+            return scaled
+        saturation = cv2.LUT(frame, self._saturation.astype(np.float32))
         blurred = cv2.GaussianBlur(saturation, (0, 0), self.saturation_blur_px)
-        exposed = cv2.add(scaled, highlight * blurred, dtype=cv2.CV_8U)
-        return np.asarray(exposed, np.uint8)
+        return cv2.add(scaled, highlight * blurred, dtype=cv2.CV_8U)
 
     @functools.cached_property
     def _saturation(self) -> FloatArray:
@@ -181,9 +179,7 @@ class ExposureEstimator:
             cam_from_last = se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
             pixels, depth_ratio = Epipolar.of(small, cam_from_last).project(small_inverse_depth)
             u, v = cv2.split(pixels)
-            warped: FloatArray = np.asarray(
-                cv2.remap(images[step], u, v, cv2.INTER_LINEAR), np.float32
-            )  # 0 outside
+            warped = cv2.remap(images[step], u, v, cv2.INTER_LINEAR)  # 0 outside
             is_used = is_valid & (depth_ratio > 0) & self._is_comparable(warped, images[step])
             # The median is robust to moving objects and to wrong depth.
             if is_used.mean() < self.min_valid_fraction:
@@ -197,8 +193,7 @@ class ExposureEstimator:
     def _small(self, grey: ByteArray, size_px: tuple[int, int]) -> FloatArray:
         """Return a smaller image [h, w] float32 without its finest detail."""
         small = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
-        blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
-        return np.asarray(blurred)
+        return cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
 
     def _is_comparable(self, warped: FloatArray, image: FloatArray) -> BoolArray:
         """Return where [h, w] a warped image is neither dark nor saturated."""

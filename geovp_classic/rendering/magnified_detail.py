@@ -63,8 +63,7 @@ class MagnifiedDetail:
             own_contrast = self._contrast(pinhole.grey(frames[step]))
             gain = self.strength * np.minimum(own_contrast / contrast, 1)
             added = cv2.merge([gain * missing] * 3)
-            frame = cv2.add(frames[step], added, dtype=cv2.CV_8U)
-            return np.asarray(frame, np.uint8)
+            return cv2.add(frames[step], added, dtype=cv2.CV_8U)
 
         return np.stack(parallel_map(add, range(len(frames))))
 
@@ -72,8 +71,7 @@ class MagnifiedDetail:
         """Return the frequency bands [H, W] of an image [H, W], finest first."""
         levels = [image]
         for edge in self.band_edges[1:]:
-            blurred = cv2.GaussianBlur(image, (0, 0), self.blur_px * edge)
-            levels.append(np.asarray(blurred))
+            levels.append(cv2.GaussianBlur(image, (0, 0), self.blur_px * edge))
         return [fine - coarse for fine, coarse in itertools.pairwise(levels)]
 
     def _contrast(self, image: FloatArray) -> FloatArray:
@@ -96,4 +94,4 @@ def wide_blur(
     variance = (3 * shrink**2 - 1) / 12 if shrink > 1 else 0.0
     sigma = math.sqrt(sigma_px**2 - variance) / shrink
     blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma)
-    return np.asarray(cv2.resize(blurred, (width, height)))
+    return cv2.resize(blurred, (width, height))

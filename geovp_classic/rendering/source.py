@@ -135,7 +135,7 @@ def to_bytes(colours: FloatArray) -> ByteArray:
     rounded = cv2.addWeighted(colours, 1, colours, 0, 0, dtype=cv2.CV_8U)
     if colours.shape[-1] == 1:
         rounded = cv2.cvtColor(rounded, cv2.COLOR_GRAY2RGB)
-    return np.asarray(rounded, np.uint8)
+    return rounded
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:

@@ -121,11 +121,15 @@ class LivePredictor:
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._window: list[_Frame] = []  # usable ones
+        self._restart([])
+        self._state = _State()
+
+    def _restart(self, window: list[_Frame]) -> None:
+        """Forget all frames but some usable ones, and what was tracked and tested with others."""
+        self._window = window
         self._odometry: MonocularRun | None = None
         self._tested: list[_Present] = []  # since the one whose prediction is tested next
         self._tests: list[dict[ShownBy, float]] = []  # errors of tested predictions
-        self._state = _State()
 
     def push(self, frame: ByteArray, time_s: float) -> PushReport:
         """Add a frame [H, W, 3] uint8 of the camera, taken at a time.
@@ -209,9 +213,7 @@ class LivePredictor:
             return "late"
         if 0 < elapsed_s <= self.settings.max_gap_s:
             return "used"
-        self._window = []
-        self._odometry = None
-        self._tested, self._tests = [], []
+        self._restart([])
         self._state = _State(added)
         return "restarted"
 
@@ -268,7 +270,9 @@ class LivePredictor:
             warning = f"{unseen:.0f} % of the view was never seen"
             return replace(late, warning=warning)
 
-        path_px, sides_px = self._drawn_path(present, path, times_s, is_metric)
+        if self._height_m is not None and present.past.is_metric:
+            path_px, sides_px = self._drawn_path(present, path, times_s, is_metric)
+            late = replace(late, path_px=path_px, path_sides_px=sides_px)
         agreement = present.scene.verdict.agreement * present.tracked.mean()
         confidence = float(covered.mean() * agreement)
         return replace(
@@ -276,9 +280,7 @@ class LivePredictor:
             frame=views.frames[0],
             covered=covered,
             confidence=confidence,
-            caution=self._caution(state, late.age_s, confidence),
-            path_px=path_px,
-            path_sides_px=sides_px,
+            caution=self._caution(present, late.age_s, confidence),
             moving=None if views.moving is None else views.moving[0],
         )
 
@@ -334,9 +336,7 @@ class LivePredictor:
     def _keep(self, frames: BoolArray | slice) -> Observed:
         """Forget the other frames [P], and what was tracked through them; observe again."""
         numbers = np.arange(len(self._window))[frames]
-        self._window = [self._window[number] for number in numbers]
-        self._odometry = None
-        self._tested, self._tests = [], []
+        self._restart([self._window[number] for number in numbers])
         return self._observe()[0]
 
     def _track(self, observed: Observed) -> MonocularRun:
@@ -400,11 +400,10 @@ class LivePredictor:
             return "the scale of the scene is unknown"
         return None
 
-    def _caution(self, state: _State, age_s: float, confidence: float) -> str | None:
+    def _caution(self, present: _Present, age_s: float, confidence: float) -> str | None:
         """Return why a shown prediction may be wrong."""
         settings = self.settings
-        present = state.present
-        if present is not None and present.scene.verdict.shown_by == "image-motion":
+        if present.scene.verdict.shown_by == "image-motion":
             return "the motion of the image is continued, since the scene predicts it worse"
         if age_s > settings.max_sure_age_s:
             return f"the newest image is {age_s:.1f} s old"
@@ -424,8 +423,6 @@ class LivePredictor:
         Its uncertainty is one standard deviation of the sampled futures, if it is forecast,
         but at least half the width of the vehicle.
         """
-        if self._height_m is None or not present.past.is_metric:
-            return np.zeros((0, 2)), np.zeros((2, 0, 2))
         # Half the width of the path: that of the vehicle, or the spread of the futures sideways
         right = path[:, :3, 0]
         half_m = np.full(len(path), self.settings.vehicle_width_m / 2)
@@ -437,6 +434,7 @@ class LivePredictor:
         # The path and its sides lie on the ground, below the camera
         last = present.past.world_from_cam[-1]
         down = last[:3, :3] @ present.vehicle_from_cam[1, :3]
+        assert self._height_m is not None
         ground = path[:, :3, 3] + self._height_m * down
         offset = half_m[:, None] * right
         points = np.stack([ground, ground - offset, ground + offset])

@@ -144,13 +144,8 @@ class Observations(ShortRepr):
 
     def __getitem__(self, steps: slice | BoolArray) -> Observations:
         """Return the observations of the steps of a slice or a mask [P]."""
-        return Observations(
-            self.frames[steps],
-            self.greys[steps],
-            self.is_usable[steps],
-            self.intrinsics,
-            self.mask,
-        )
+        kept = {name: getattr(self, name)[steps] for name in ("frames", "greys", "is_usable")}
+        return replace(self, **kept)
 
 
 @dataclass(frozen=True, repr=False)

@@ -72,5 +72,4 @@ class Prediction(ShortRepr):
         """Return which frames [S, F] are copies of the last observed frame as a whole."""
         if self.copied is None:
             return np.zeros(self.frames.shape[:2], bool)
-        is_copy: BoolArray = np.asarray(self.copied.all(axis=(2, 3)))
-        return is_copy
+        return np.asarray(self.copied.all(axis=(2, 3)))

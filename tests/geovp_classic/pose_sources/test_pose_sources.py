@@ -79,16 +79,6 @@ def test_planar_removes_height_pitch_and_roll() -> None:
     np.testing.assert_array_equal(motion.past.world_from_cam, whole.trajectory.world_from_cam[:5])
 
 
-def test_planar_with_the_mounting_pitch_keeps_a_drive_of_a_pitched_camera() -> None:
-    """A camera that looks 10 degrees down at the road it drives along."""
-    car_from_cam = se3.exp(np.array([0.0, 0.0, 0.0, np.deg2rad(-10.0), 0.0, 0.0]))
-    car = se3.exp(np.outer(np.arange(9), [0.0, 0.0, 1.0, 0.0, 0.1, 0.0]))
-    whole = clip(car @ car_from_cam)
-    recorded = whole.trajectory.world_from_cam[5:]
-    known = Planar(GroundTruth(), pitch_deg=-10.0).estimate(context(whole)).futures[0]
-    np.testing.assert_allclose(known, recorded, atol=1e-9)
-
-
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: type(source).__name__)
 def test_a_clip_without_poses_is_refused(source: PoseSource) -> None:
     bare = replace(drive(), trajectory=None)

@@ -69,15 +69,10 @@ def max_error(views: Views, clip: Clip) -> float:
     return float(np.abs(views.frames.astype(float) - clip.frames[NUM_PAST:])[counts].max())
 
 
-@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (-6.0, 0.0), (4.0, 5.0)])
-def test_a_world_of_plain_and_sky_is_reproduced(pitch_deg: float, roll_deg: float) -> None:
-    mounting = planar.level_vehicle_from_cam(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
-    clip = film(DRIVE @ mounting)
-    for renderer in (
-        GroundFarPlane(pitch_deg=pitch_deg, roll_deg=roll_deg),
-        GroundFarPlane(roll_deg=roll_deg),  # pitch from the direction of travel
-    ):
-        assert max_error(predict(clip, renderer), clip) < 5
+@pytest.mark.parametrize("pitch_deg", [0.0, -6.0, 4.0])
+def test_a_world_of_plain_and_sky_is_reproduced(pitch_deg: float) -> None:
+    clip = film(DRIVE @ planar.level_vehicle_from_cam(np.deg2rad(pitch_deg)))
+    assert max_error(predict(clip, GroundFarPlane()), clip) < 5
 
 
 def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
