@@ -115,14 +115,15 @@ def test_masks_weigh_the_maps_of_differences(net: Net, lpips_folder: Path) -> No
         255 - predicted[:, :, 288:]
     )  # changed on the right alone, out of reach of the left
     left, right = np.zeros((2, 3, 32, 320), dtype=bool)
-    left[:, :, :80], right[:, :, 240:] = True, True
+    left[:, :, :80], right[::2, :, 240:] = True, True
     everywhere = metric(predicted, target)
     assert (everywhere.shape, everywhere.dtype) == ((3,), np.float64)
-    np.testing.assert_allclose(metric(predicted, target, np.ones_like(left)), everywhere, rtol=1e-6)
-    np.testing.assert_array_equal(metric(predicted, target, left), 0.0)
-    assert (metric(predicted, target, right) > 2 * everywhere).all()
-    right[1] = False
-    assert np.isnan(metric(predicted, target, right)).tolist() == [False, True, False]
+    masks = [np.ones_like(left), left, right]
+    on_all, on_left, on_right = metric.over(predicted, metric.prepare(target), masks)
+    np.testing.assert_allclose(on_all, everywhere, rtol=1e-6)
+    np.testing.assert_array_equal(on_left, 0.0)
+    assert (on_right[::2] > 2 * everywhere[::2]).all()
+    assert np.isnan(on_right).tolist() == [False, True, False]
 
 
 def test_the_field_wins_over_the_variable_and_the_variable_over_the_cache(
