@@ -16,7 +16,7 @@ from geovp_classic.data.frames.image_frames import Size, image_size, read_image
 from geovp_classic.data.frames.undistortion import common_pinhole
 from geovp_classic.data.layouts import detection
 from geovp_classic.data.recordings import splits
-from geovp_classic.data.recordings.sequences import Scan
+from geovp_classic.data.recordings.sequences import Scan, SequenceDataset
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -70,7 +70,7 @@ class Doctor:
         for name in watch(list(folders)):
             findings = Findings()
             scans = dataset.scans(folders[name], findings)
-            row = self._examine(folders[name], scans, findings, deep)
+            row = self._examine(dataset, folders[name], scans, findings, deep)
             distinct = dict.fromkeys(findings)  # cameras share files
             all_findings += distinct
             severities = [finding.severity for finding in distinct]
@@ -82,6 +82,7 @@ class Doctor:
 
     def _examine(
         self,
+        dataset: SequenceDataset,
         folder: Path,
         scans: dict[str, Scan],
         findings: Findings,
@@ -98,7 +99,7 @@ class Doctor:
         sizes_px: set[Size] = set()
         focals = set()
         for scan in scans.values():
-            camera_sizes_px = _image_sizes(scan, findings, deep)
+            camera_sizes_px = _image_sizes(scan, findings, deep, dataset.is_upright)
             sizes_px |= camera_sizes_px
             focals.add(self._examine_cameras(folder, scan, camera_sizes_px, findings))
         if is_readable and not first.cameras:
@@ -235,22 +236,22 @@ def _text(size_px: Size) -> str:
     return f"{size_px[0]}x{size_px[1]}"
 
 
-def _image_sizes(scan: Scan, findings: Findings, deep: bool) -> set[Size]:
+def _image_sizes(scan: Scan, findings: Findings, deep: bool, is_upright: bool) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
     The first and the last image, or with `deep` every one, are decoded. Images that are not files
     are not examined otherwise.
     """
     sizes_px: list[Size] = []
-    for path in scan.images:
+    for number, path in enumerate(scan.images):
         with findings.catch(path):
             must_decode = deep or path in (scan.images[0], scan.images[-1])
-            if scan.load is None:
-                size_px = image_size(path, is_upright=scan.is_upright)
+            if scan.reader is None:
+                size_px = image_size(path, is_upright=is_upright)
                 if must_decode:
                     read_image(path)
             elif must_decode:
-                size_px = scan.load(path).shape[1::-1]
+                size_px = scan.reader.read(number).shape[1::-1]
             if sizes_px and size_px not in sizes_px:
                 message = f"is {_text(size_px)} pixels, but those before are {_text(sizes_px[0])}"
                 findings.add(path, message)

@@ -61,6 +61,11 @@ class VideoFrames:
         return file_digest(self.path) + str(index).encode()
 
     @property
+    def names(self) -> tuple[Path, ...]:
+        """Return a name for each frame; no files have these names."""
+        return tuple(self.path / f"frame {number}" for number in range(len(self)))
+
+    @property
     def rate_hz(self) -> float | None:
         """Return the usual number of frames per second; None for a raw stream or one frame."""
         if self.times_s is None or len(self) < 2:

@@ -2,24 +2,25 @@
 user gives.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import pose_files
-from geovp_classic.data.frames.image_frames import (
-    FrameFiles,
-    FrameReader,
-    image_files,
-    image_series,
-)
+from geovp_classic.data.frames.image_frames import image_files, image_series
+from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames
-from geovp_classic.data.recordings.sequences import Scan, SequenceDataset, sequence_folders
-from geovp_classic.data.recordings.windows import Rate, Recording
+from geovp_classic.data.recordings.sequences import (
+    Scan,
+    SequenceDataset,
+    per_frame,
+    sequence_folders,
+)
+from geovp_classic.data.recordings.windows import Rate
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import Intrinsics
 
 DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
 
@@ -44,7 +45,7 @@ class Folder(SequenceDataset):
     is_upright = True
 
     path: Path
-    intrinsics: tuple[float, float, float, float]
+    intrinsics: tuple[float, float, float, float] | None = None  # the doctor needs none
     frame_rate_hz: float | None = None
     times: Path | None = None
     trajectory: Path | None = None
@@ -83,60 +84,43 @@ class Folder(SequenceDataset):
             expected,
         )
 
-    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
-        """Scan a folder of images or a video, which has neither calibration nor poses."""
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a folder of images or a video; without `intrinsics`, it has no camera."""
+        reader = poses = None
+        rate_hz = self.frame_rate_hz
         if folder.is_file():
-            scan = Scan((), np.empty(0))
-            with findings.catch(folder):
-                frames = VideoFrames(folder)
-                scan = scan_of_video(frames)
-                if frames.times_s is None:
-                    message = f"does not state its rate: {DEFAULT_RATE_HZ:g} Hz are assumed here"
-                    findings.add(folder, message, severity="warning")
-            return {"": scan}
-        images: tuple[Path, ...] = ()
-        with findings.catch(folder):
-            images = tuple(image_series(folder))
-        return {"": Scan(images, np.arange(len(images)) / DEFAULT_RATE_HZ, is_upright=True)}
+            reader = VideoFrames(folder)
+            images = reader.names
+            if reader.times_s is None and self.intrinsics is None:  # the doctor's data set
+                rate_hz = DEFAULT_RATE_HZ
+                message = f"does not state its rate: {rate_hz:g} Hz are assumed here"
+                findings.add(folder, message, severity="warning")
+        else:
+            images = tuple(image_series(folder, self.name_pattern))
+        # times of a file, of the video, or at a rate
+        root = folder if self._is_root else Path()
+        if self.times is not None:
+            times_s = per_frame(pose_files.read_times, root / self.times, images, findings)
+        elif reader is not None:
+            times_s = reader.times_at(rate_hz)
+        else:
+            times_s = np.arange(len(images)) / (rate_hz or DEFAULT_RATE_HZ)
+        if self.trajectory is not None:
+            path = root / self.trajectory
+            trajectory = pose_files.read_trajectory(path, times_s)
+            poses = trajectory.world_from_cam
+            if len(poses) != len(images):
+                raise BadData(
+                    f"{path}: {len(poses)} poses for {len(images)} frames, expected one each"
+                )
+            if self.frame_rate_hz is None and self.times is None:
+                times_s = trajectory.times_s
+        cameras: tuple[DistortedCamera, ...] = ()
+        if self.intrinsics is not None:
+            size_px = reader.size_px if reader else self._load(images[0]).shape[1::-1]
+            cameras = (DistortedCamera(Intrinsics(*self.intrinsics, *size_px)),) * len(images)
+        return Scan(images, times_s, cameras, poses, is_metric=self.is_metric, reader=reader)
 
     @property
     def _is_root(self) -> bool:
         return self.path not in self._folders.values()
-
-    def _read(self, name: str, folder: Path) -> Recording:
-        reader: FrameReader
-        rate_hz = self.frame_rate_hz or DEFAULT_RATE_HZ
-        times_s: FloatArray
-        if folder.is_file():
-            reader = VideoFrames(folder)
-            size_px = reader.size_px
-            if self.times is None:
-                times_s = reader.times_at(self.frame_rate_hz)
-        else:
-            images = tuple(image_series(folder, self.name_pattern))
-            size_px = self._load(images[0]).shape[1::-1]
-            reader = FrameFiles(images, (size_px,) * len(images), self._load)
-            times_s = np.arange(len(images)) / rate_hz
-        camera = Intrinsics(*self.intrinsics, *size_px)
-        folder = folder if self._is_root else Path()
-        if self.times is not None:
-            times_s = pose_files.read_times(folder / self.times)
-        trajectory = None
-        if self.trajectory is not None:
-            trajectory = pose_files.read_trajectory(
-                folder / self.trajectory, times_s, is_metric=self.is_metric
-            )
-            if self.frame_rate_hz is None and self.times is None:
-                times_s = trajectory.times_s
-            elif len(trajectory) == len(times_s):
-                trajectory = replace(trajectory, times_s=times_s)
-        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
-
-
-def scan_of_video(frames: VideoFrames) -> Scan:
-    """Return the scan of a video; a raw stream gets the default rate."""
-    times_s = frames.times_s
-    if times_s is None:
-        times_s = np.arange(len(frames)) / DEFAULT_RATE_HZ
-    names = tuple(frames.path / f"frame {number}" for number in range(len(frames)))
-    return Scan(names, times_s, load=lambda name: frames.read(int(name.name.split()[1])))

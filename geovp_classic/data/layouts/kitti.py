@@ -6,11 +6,8 @@ rectified to look the same way, and poses are camera 0's, so world_from_camk = w
 cam0_from_camk.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-import numpy as np
 
 from geovp_classic.data.findings import RAISE, Findings
 from geovp_classic.data.formats import pose_files
@@ -20,7 +17,7 @@ from geovp_classic.data.formats.calibration_files import (
 )
 from geovp_classic.data.frames.image_frames import image_size, numbered_images
 from geovp_classic.data.recordings import splits
-from geovp_classic.data.recordings.sequences import PosedSequences, Scan
+from geovp_classic.data.recordings.sequences import PosedSequences, Scan, per_frame
 from geovp_classic.data.recordings.windows import FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -112,25 +109,6 @@ class Kitti(PosedSequences):
         right_from_left = se3.inverse(right.rig_from_cam) @ left.rig_from_cam
         side = SideCamera(view.frames, view.intrinsics, right_from_left)
         return replace(recording, right=side)
-
-
-def per_frame(
-    read: Callable[[Path, Findings], FloatArray],
-    path: Path,
-    images: tuple[Path, ...],
-    findings: Findings,
-) -> FloatArray:
-    """Read the values [N, ...] of a file, which should be one for each of N frames.
-
-    If there are fewer or more, the difference is reported and all values are NaN.
-    """
-    values = read(path, findings)
-    count = len(images)
-    if len(values) == count:
-        return values
-    if len(values):
-        findings.add(path, f"{len(values)} rows for {count} frames, expected one each")
-    return np.full((count, *values.shape[1:]), np.nan)
 
 
 def rectified(

@@ -20,7 +20,7 @@ from geovp_classic.data.formats.calibration_files import read_entry
 from geovp_classic.data.frames.image_frames import numbered_images
 from geovp_classic.data.layouts import kitti
 from geovp_classic.data.layouts.kitti import Kitti
-from geovp_classic.data.recordings.sequences import Scan
+from geovp_classic.data.recordings.sequences import Scan, per_frame
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -59,7 +59,7 @@ class KittiRaw(Kitti):
         images = numbered_images(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
         path = folder / f"image_0{camera}" / "timestamps.txt"
-        times_s = kitti.per_frame(read_timestamps, path, images, findings)
+        times_s = per_frame(read_timestamps, path, images, findings)
         poses = None
         if (folder / "oxts").is_dir():
             poses = _read_poses(folder, len(images), findings)

@@ -10,6 +10,7 @@ from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import bags
 from geovp_classic.data.formats.bags import Bag, BagImages
 from geovp_classic.data.formats.frame_tree import FrameTree
+from geovp_classic.data.frames.image_frames import FrameFiles
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.recordings.sequences import PosedSequences, Scan, sequence_folders
 from geovp_classic.errors import BadData
@@ -55,11 +56,12 @@ class RosBag(PosedSequences):
         scan = Scan((), np.empty(0))
         with findings.catch(folder):
             bag = Bag(folder)
-            topic = image_topic or self.image_topic
-            images = BagImages(bag, topic, self.image_bits)
+            images = BagImages(bag, image_topic or self.image_topic, self.image_bits)
             # clips overlap
             load = functools.lru_cache(maxsize=2 * self.num_frames)(images.read)
-            scan = Scan(images.names, images.times_s, load=load)
+            sizes_px = (images.size_px,) * len(images.names)
+            reader = FrameFiles(images.names, sizes_px, load)
+            scan = Scan(images.names, images.times_s, reader=reader)
             camera = bag.camera(images.topic, images.size_px)
             if self.intrinsics is not None:
                 view = Intrinsics(*self.intrinsics, *images.size_px)

@@ -25,9 +25,9 @@ from geovp_classic import files
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames, is_video
-from geovp_classic.data.layouts.folder import DEFAULT_RATE_HZ, scan_of_video
+from geovp_classic.data.layouts.folder import DEFAULT_RATE_HZ
 from geovp_classic.data.recordings import windows
-from geovp_classic.data.recordings.sequences import Scan, SequenceDataset
+from geovp_classic.data.recordings.sequences import PosedSequences, Scan
 from geovp_classic.data.recordings.windows import Fit, Rate, Recording, frames_at_rate
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
@@ -36,8 +36,8 @@ TABLES = (".toml", ".json")
 
 
 @dataclass(frozen=True)
-class Videos(SequenceDataset):
-    """Videos with a file of cameras; other settings are `SequenceDataset`'s.
+class Videos(PosedSequences):
+    """Videos with a file of cameras; other settings are `PosedSequences`'.
 
     `cameras` is that file, by default the only .toml or .json file of `root`. With `num_windows`,
     each video gives that many clips, evenly spaced from its first frame to its last, without those
@@ -46,18 +46,17 @@ class Videos(SequenceDataset):
     """
 
     name = "videos"
+    is_upright = True
 
-    root: Path
     cameras: Path | None = None
     num_windows: int | Literal["all"] = 2  # of 3 s each, the first and the last of a short video
     fit: Fit = field(default="width", kw_only=True)
     rate_hz: Rate = field(default=DEFAULT_RATE_HZ, kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "root", Path(self.root))  # scripts give text
         if self.num_windows != "all" and self.num_windows < 1:
             raise BadData(f'num_windows is {self.num_windows}, expected 1 or more, or "all"')
-        self._check()
+        super().__post_init__()
 
     def folders(self) -> dict[str, Path]:
         """Return the videos by name; BadData if there are none, or no file of cameras."""
@@ -105,21 +104,10 @@ class Videos(SequenceDataset):
         facts = self.facts[clip_name.rpartition("/")[0]]
         return {name: value for name, value in facts.items() if isinstance(value, str)}
 
-    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
-        """Scan a video with its camera."""
-        scan = Scan((), np.empty(0))
-        with findings.catch(folder):
-            frames = VideoFrames(folder)
-            camera = DistortedCamera(self._recording(folder.stem, frames).intrinsics)
-            scan = replace(scan_of_video(frames), cameras=(camera,) * len(frames))
-        return {"": scan}
-
-    def _read(self, name: str, folder: Path) -> Recording:
-        return self._recording(name, VideoFrames(folder))
-
-    def _recording(self, name: str, frames: VideoFrames) -> Recording:
-        """Return a video with its camera; BadData names what the file of cameras lacks."""
-        facts = self.facts[name]
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a video with its camera; an error names what the file of cameras lacks."""
+        frames = VideoFrames(folder)
+        name, facts = folder.stem, self.facts[folder.stem]
         width_px, height_px = frames.size_px
         expected = "expected numbers as fps, fov_deg, camera_height_m, and intrinsics of four"
         with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
@@ -132,10 +120,14 @@ class Videos(SequenceDataset):
             scalars = {key: float(facts[key]) for key in names}
             if not all(1e-6 < value < 1e6 for value in (fx, fy, cx, cy, *scalars.values())):
                 raise ValueError("not a positive number")
-        view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
-        times_s = frames.times_at(scalars.get("fps"))
-        height_m = self.camera_height_m or scalars.get("camera_height_m")
-        return Recording(name, frames, times_s, view, camera_height_m=height_m)
+        camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, width_px, height_px))
+        return Scan(
+            frames.names,
+            frames.times_at(scalars.get("fps")),
+            (camera,) * len(frames),
+            camera_height_m=scalars.get("camera_height_m"),
+            reader=frames,
+        )
 
     @cached_property
     def _windows(self) -> dict[tuple[str, int], Recording]:

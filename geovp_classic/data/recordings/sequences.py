@@ -11,7 +11,7 @@ import itertools
 import os
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.findings import RAISE, Findings, parse_numbers, words
 from geovp_classic.data.frames import image_frames
-from geovp_classic.data.frames.image_frames import FrameFiles, Load
+from geovp_classic.data.frames.image_frames import FrameFiles, FrameReader, Load
 from geovp_classic.data.frames.undistortion import (
     DistortedCamera,
     UndistortedFrames,
@@ -35,6 +35,7 @@ from geovp_classic.data.recordings.windows import (
     FrameRange,
     Rate,
     Recording,
+    SelectedFrames,
     frames_at_rate,
 )
 from geovp_classic.errors import BadData
@@ -45,7 +46,7 @@ from geovp_classic.types import Clip, FloatArray, IntArray, Trajectory
 class Scan:
     """A sequence of N images, whose times, poses and depths were matched to them."""
 
-    images: tuple[Path, ...]  # N, files, or names that `load` knows
+    images: tuple[Path, ...]  # N, files, or the names of frames of `reader`
     times_s: FloatArray  # [N], increasing; NaN where a line is bad
     cameras: tuple[DistortedCamera, ...] = ()  # N; empty without a calibration
     # [N, 4, 4], NaN for an image without a pose; None if no poses are recorded
@@ -55,8 +56,7 @@ class Scan:
     # of one of several cameras
     rig_from_cam: FloatArray = field(default_factory=lambda: np.eye(4))
     camera_height_m: float | None = None  # by the calibration
-    load: Load | None = None  # of images that are not files
-    is_upright: bool = False  # images are turned as EXIF says
+    reader: FrameReader | None = None  # N, of images that are not files
 
     def mounted(
         self,
@@ -112,6 +112,25 @@ def sequence_folders(
             f"{root} does not exist or holds no sequence: give {expected}, or a folder of several"
         )
     return folders
+
+
+def per_frame(
+    read: Callable[[Path, Findings], FloatArray],
+    path: Path,
+    images: tuple[Path, ...],
+    findings: Findings,
+) -> FloatArray:
+    """Read the values [N, ...] of a file, which should be one for each of N frames.
+
+    If there are fewer or more, the difference is reported and all values are NaN.
+    """
+    values = read(path, findings)
+    count = len(images)
+    if len(values) == count:
+        return values
+    if len(values):
+        findings.add(path, f"{len(values)} rows for {count} frames, expected one each")
+    return np.full((count, *values.shape[1:]), np.nan)
 
 
 def nearest(
@@ -171,7 +190,9 @@ class SequenceDataset(ABC):
     every Nth of these; frames are counted after that. No clip holds both sides of a pause.
     """
 
-    is_upright: ClassVar[bool] = False  # turn images as EXIF says, or show the stored pixels
+    # Images are turned as EXIF says, and their camera has no lens; else, the stored pixels are
+    # shown without the distortion of their lens.
+    is_upright: ClassVar[bool] = False
 
     sequences: tuple[str, ...] | None = None
     num_frames: int = 30  # 10 observed and 20 predicted, as in the thesis
@@ -341,14 +362,63 @@ class SequenceDataset(ABC):
     def folders(self) -> dict[str, Path]:
         """Return the sequences by name; BadData if there are none."""
 
+    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
+        """Scan a sequence by the names of its cameras, "" for one."""
+        scan = Scan((), np.empty(0))
+        with findings.catch(folder):
+            scan = self.scan(folder, findings)
+        return {"": scan}
+
     @abstractmethod
+    def scan(self, folder: Path, findings: Findings) -> Scan:
+        """Scan a sequence with the camera that clips show."""
+
     def _read(self, name: str, folder: Path) -> Recording:
         """Read a sequence, whose images are loaded later."""
+        return self._recording(name, folder, self.scan(folder, RAISE))
+
+    def _recording(self, name: str, folder: Path, scan: Scan) -> Recording:
+        """Return a scanned sequence for clips, without the images that lack a pose."""
+        numbers = scan.posed
+        if not scan.cameras:
+            raise BadData(f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]")
+        if not len(numbers):
+            raise BadData(
+                f"{folder}: none of {len(scan.images)} images has a pose: give images and poses "
+                "that match"
+            )
+        # all images are shown as one pinhole camera sees them
+        cameras = scan.cameras
+        view = common_pinhole([cameras[number] for number in numbers], folder)
+        sizes_px = tuple(camera.size_px for camera in cameras)
+        frames = scan.reader or FrameFiles(scan.images, sizes_px, self._load)
+        if not self.is_upright:
+            frames = UndistortedFrames(frames, cameras, view)
+        depths = None
+        if scan.depths is not None:
+            maps = FrameFiles(scan.depths, sizes_px, image_frames.read_depth)
+            shown = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
+            depths = SelectedFrames(shown, numbers)
+        times_s = scan.times_s[numbers]
+        trajectory = None
+        if scan.world_from_cam is not None:
+            poses = scan.world_from_cam[numbers]
+            trajectory = Trajectory(poses, times_s, scan.is_metric)
+        return Recording(
+            name,
+            SelectedFrames(frames, numbers),
+            times_s,
+            view,
+            trajectory,
+            scan.camera_height_m if self.camera_height_m is None else self.camera_height_m,
+            depths=depths,
+            breaks=scan.breaks,
+        )
 
 
 @dataclass(frozen=True)
 class PosedSequences(SequenceDataset):
-    """Sequences below one root, or a root that is one itself, shown without lens distortion.
+    """Sequences below one root, or a root that is one itself.
 
     Frames are counted among those with a pose.
     """
@@ -369,57 +439,3 @@ class PosedSequences(SequenceDataset):
             return any(any(folder.glob(pattern)) for pattern in self.patterns)
 
         return sequence_folders(self.root, is_sequence, f"a folder with {self.patterns[0]}")
-
-    def scans(self, folder: Path, findings: Findings) -> dict[str, Scan]:
-        """Scan a sequence by the names of its cameras, "" for one."""
-        return {"": self.scan(folder, findings)}
-
-    @abstractmethod
-    def scan(self, folder: Path, findings: Findings) -> Scan:
-        """Scan a sequence with the camera that clips show."""
-
-    def _read(self, name: str, folder: Path) -> Recording:
-        return self._recording(name, folder, self.scan(folder, RAISE))
-
-    def _recording(self, name: str, folder: Path, scan: Scan) -> Recording:
-        """Return a scanned sequence for clips, without the images that lack a pose."""
-        numbers = scan.posed
-        if not scan.cameras:
-            raise BadData(f"{folder} has no known camera: give intrinsics = [fx, fy, cx, cy]")
-        if not len(numbers):
-            raise BadData(
-                f"{folder}: none of {len(scan.images)} images has a pose: give images and poses "
-                "that match"
-            )
-
-        def posed(values: Sequence[Any]) -> tuple[Any, ...]:
-            return tuple(values[number] for number in numbers)
-
-        # all images are shown as one pinhole camera sees them
-        times_s = scan.times_s[numbers]
-        cameras = posed(scan.cameras)
-        sizes_px = tuple(camera.size_px for camera in cameras)
-        view = common_pinhole(cameras, folder)
-        load = scan.load or self._load
-        images = FrameFiles(posed(scan.images), sizes_px, load)
-        trajectory = None
-        if scan.world_from_cam is not None:
-            poses = scan.world_from_cam[numbers]
-            trajectory = Trajectory(poses, times_s, scan.is_metric)
-        depths = None
-        if scan.depths is not None:
-            maps = FrameFiles(posed(scan.depths), sizes_px, image_frames.read_depth)
-            depths = UndistortedFrames(maps, cameras, view, cv2.INTER_NEAREST)
-        height_m = self.camera_height_m
-        if height_m is None:
-            height_m = scan.camera_height_m
-        return Recording(
-            name,
-            UndistortedFrames(images, cameras, view),
-            times_s,
-            view,
-            trajectory,
-            height_m,
-            depths=depths,
-            breaks=scan.breaks,
-        )

@@ -113,7 +113,7 @@ def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
     times.write_text("0\n1\n")
     wrong: list[tuple[dict[str, object], str]] = [
         ({"frame_rate_hz": 1e-8}, "expected a number of at least 0.02"),
-        ({"times": str(times)}, "2 times for 12 frames"),
+        ({"times": str(times)}, "2 rows for 12 frames"),
         ({"times": times, "frame_rate_hz": 1.0}, "both frame_rate_hz and times"),
         ({"trajectory": tmp_path / "none.txt"}, r"none\.txt: does not exist"),
         ({"num_frames": 13}, "has 12 frames without a break, but one clip needs 13"),
