@@ -264,14 +264,13 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
         by_number.setdefault(numbers or (-len(by_number),), []).append(path)
     # Equal numbers: several series, or one image twice.
     equal = next((paths for paths in by_number.values() if len(paths) > 1), None)
-    if equal is not None and len(series) > 1:
+    if equal is not None:
         names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
         raise BadData(
-            f"{folder} holds {len(series)} series of images with the same numbers, {names:.300}: "
+            f"{folder} holds {len(series)} series of images, {names:.300}, of which "
+            f"{equal[0].name} and {equal[1].name} have the same number: remove one of them, or "
             f'give name_pattern = "{next(iter(series))}"'
         )
-    if equal is not None:
-        raise BadData(f"{equal[0]} and {equal[1].name} have the same number: remove one of them")
     # "1.5" and "1.25" have another order as decimal numbers than by their parts.
     is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:

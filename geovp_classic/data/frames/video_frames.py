@@ -5,7 +5,6 @@ import functools
 import itertools
 import math
 import re
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
 CACHE_BYTES = 256 * files.MIB
-REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
 
 
@@ -34,7 +32,7 @@ class VideoFrames:
     Neither the frame count, the rate nor the duration of the container is used. The packets tell
     when each frame is presented. Frames do not count if an edit list hides them, or if they cannot
     be decoded because the file begins inside a group of pictures or ends inside a packet. A byte
-    that changed inside a packet is noticed only where the codec allows it; VP8 does not.
+    that changed inside a packet is noticed only where the codec allows it; VP8 and FFV1 do not.
     `times_s` [N] are seconds since the first frame, None for a raw stream.
     """
 
@@ -44,7 +42,6 @@ class VideoFrames:
             self.path = path
         what = f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels"
         with files.checked(what, "give a folder of images or another video file"):
-            self._damaged: set[int | None] = set()
             self._restart()
             self._list_frames()
             self._shown_from_stored = display_matrix(self._first).tolist()
@@ -143,8 +140,7 @@ class VideoFrames:
                 is_damaged = True
             for frame in decoded:
                 tick = next(number) if self._is_counted else frame.pts
-                is_corrupt = frame.is_corrupt or frame.pts in self._damaged
-                is_damaged = is_corrupt or (is_damaged and not frame.key_frame)
+                is_damaged = frame.is_corrupt or (is_damaged and not frame.key_frame)
                 if tick is not None and not is_damaged:
                     yield tick, frame
 
@@ -163,12 +159,8 @@ class VideoFrames:
                 keys.append(packet.pts)
             if packet.dts is not None:
                 order.append(packet.dts)
-            if self._decoder.name == "ffv1" and not are_slices_whole(bytes(packet)):
-                self._damaged.add(packet.pts)
             if packet.size and not (packet.is_discard or packet.is_corrupt):
                 whole.append(packet.pts)
-        if self._damaged.issuperset(whole):  # checksums are optional
-            self._damaged.clear()
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
         is_avi = self._container.format.name == "avi"
         self._is_counted = is_raw or is_avi or None in whole or order != sorted(order)
@@ -182,7 +174,8 @@ class VideoFrames:
         last_key = self._keys[-1] if self._keys else start
         self._seek(last_key)
         decoded = {tick: frame.pts for tick, frame in self._decoded}
-        if last_key not in decoded:  # the index led to later frames
+        if last_key not in decoded:  # the index led to later frames, or the file ends inside it
+            last_key = start
             self._restart()
             decoded = {tick: frame.pts for tick, frame in self._decoded}
         if self._is_counted:
@@ -270,21 +263,6 @@ def is_video(path: Path) -> bool:
     """Return whether a file has the name of a visible video."""
     names = r"[^.].*\.(mp4|m4v|mov|mkv|webm|avi|m?ts|mpe?g|3gp|wmv|flv|h26[45]|mjpeg)"
     return bool(re.fullmatch(names, path.name, re.IGNORECASE)) and path.is_file()
-
-
-def are_slices_whole(content: bytes) -> bool:
-    """Return whether the slices of an FFV1 frame have the right checksums.
-
-    FFmpeg conceals slices that have wrong ones. A slice ends with its size without these 8 bytes,
-    a byte, and a CRC that makes that of the slice 0 (RFC 9043, section 4.9).
-    """
-    while content:
-        start = max(0, len(content) - 8 - int.from_bytes(content[-8:-5]))
-        # the polynomial of zlib with the other order of bits
-        if zlib.crc32(content[start:].translate(REVERSED_BITS), 2**32 - 1) != 2**32 - 1:
-            return False
-        content = content[:start]
-    return True
 
 
 def display_matrix(frame: Any) -> IntArray:

@@ -1,6 +1,5 @@
 """Clips cut from long recordings: which frames, which square of the image, with which camera."""
 
-import hashlib
 import itertools
 import re
 from collections.abc import Iterable
@@ -96,16 +95,6 @@ class Recording:
 
     def __post_init__(self) -> None:
         name = self.name
-        series: dict[str, Any] = {
-            "poses": self.trajectory,
-            "times": self.times_s,
-            "right frames": self.right and self.right.frames,
-        }
-        for what, values in series.items():
-            if values is not None and len(values) != len(self.frames):
-                raise BadData(
-                    f"{name}: {len(values)} {what} for {len(self.frames)} frames, expected one each"
-                )
         camera = self.intrinsics
         ratios = np.divide([camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px))
         # fields of view from 169 to half a degree
@@ -214,16 +203,6 @@ def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[F
 def clip_name(sequence: str, first: int) -> str:
     """Return the name of a clip in results: its sequence and first frame, "03/000180"."""
     return f"{sequence}/{first:06d}"
-
-
-def digest(recording: Recording, span: slice, frame_digests: Iterable[bytes]) -> str:
-    """Return a short hash of all that a clip consists of: frames, times, poses and camera."""
-    content = hashlib.sha256(b"".join(frame_digests))
-    content.update(np.ascontiguousarray(recording.times_s[span]).tobytes())
-    if recording.trajectory is not None:
-        content.update(np.ascontiguousarray(recording.trajectory[span].world_from_cam).tobytes())
-    content.update(repr((recording.intrinsics, recording.camera_height_m)).encode())
-    return content.hexdigest()[:16]
 
 
 def cut(
