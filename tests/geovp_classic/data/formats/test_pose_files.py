@@ -133,18 +133,6 @@ def test_the_format_is_that_of_the_first_line(tmp_path: Path) -> None:
         pose_files.read_trajectory(path)
 
 
-def test_times_must_increase(tmp_path: Path) -> None:
-    path = tmp_path / "times.txt"
-    for text, message in (
-        ("0\n0.1\n0.1\n", r"line 3: 0\.1 is not after 0\.1"),
-        ("0\n1 2\n", "line 2: 2 numbers, expected 1"),
-        ("", "is empty"),
-    ):
-        path.write_text(text)
-        with pytest.raises(BadData, match=message):
-            pose_files.read_times(path)
-
-
 def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
     trajectory = Trajectory(np.eye(4)[None], np.array([0.0]), is_metric=True)
     (tmp_path / "file").write_text("content")
