@@ -29,18 +29,17 @@ class Messages:
         if is_ros1:
             self.store.register(get_types_from_msg(TF_ROS1, "tf2_msgs/msg/TFMessage"))
 
-    def make(self, kind: str, **fields: Any) -> Any:
-        """Return a message whose fields have their names in ROS 2."""
-        message_type = self.store.types[kind]
-        names = {name.lower(): name for name in message_type.__dataclass_fields__}
-        return message_type(**{names[name]: value for name, value in fields.items()})
-
-    def header(self, time_ns: int, frame_id: str) -> Any:
-        stamp = self.make(
-            "builtin_interfaces/msg/Time", sec=time_ns // 10**9, nanosec=time_ns % 10**9
-        )
-        number = {"seq": 0} if self.is_ros1 else {}
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id, **number)
+    def make(self, kind: str, **given: Any) -> Any:
+        """Return a message; fields are named as in ROS 2, parts are dicts, what is missing is 0."""
+        fields: dict[str, Any] = {}
+        for name, (node, detail) in self.store.fielddefs[kind][1]:
+            value = given.get(name.lower(), 0)
+            if node.name == "NAME":
+                value = self.make(detail, **(value or {}))
+            elif node.name == "ARRAY" and name.lower() not in given:
+                value = np.zeros(detail[1])
+            fields[name] = value
+        return self.store.types[kind](**fields)
 
     def image(self, time_ns: int, image: np.ndarray, encoding: str = "rgb8") -> Any:
         height, width = image.shape[:2]
@@ -48,26 +47,24 @@ class Messages:
         rows = np.pad(rows, ((0, 0), (0, 4)))  # rows may be padded
         return self.make(
             "sensor_msgs/msg/Image",
-            header=self.header(time_ns, "camera"),
+            header=_header(time_ns, "camera"),
             height=height,
             width=width,
             encoding=encoding,
-            is_bigendian=0,
             step=rows.shape[1],
             data=rows.ravel(),
         )
 
     def compressed(self, time_ns: int, image: np.ndarray) -> Any:
         data = cv2.imencode(".png", image[..., ::-1])[1].ravel()
-        header = self.header(time_ns, "camera")
+        header = _header(time_ns, "camera")
         return self.make("sensor_msgs/msg/CompressedImage", header=header, format="png", data=data)
 
     def info(self, time_ns: int, clip: Clip, lens: Sequence[float] = (0.0,) * 5) -> Any:
         camera = clip.intrinsics
-        roi = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
         return self.make(
             "sensor_msgs/msg/CameraInfo",
-            header=self.header(time_ns, "camera"),
+            header=_header(time_ns, "camera"),
             height=camera.height_px,
             width=camera.width_px,
             distortion_model="plumb_bob",
@@ -75,60 +72,49 @@ class Messages:
             k=camera.matrix.ravel(),
             r=np.eye(3).ravel(),
             p=np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
-            binning_x=0,
-            binning_y=0,
-            roi=self.make("sensor_msgs/msg/RegionOfInterest", **roi, do_rectify=False),
         )
-
-    def _turn(self, pose: np.ndarray) -> Any:
-        numbers = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
-        return self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", numbers, strict=True)))
-
-    def _place(self, kind: str, pose: np.ndarray) -> Any:
-        numbers = dict(zip("xyz", pose[:3, 3].tolist(), strict=True))
-        return self.make(f"geometry_msgs/msg/{kind}", **numbers)
 
     def transform(self, time_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:
         """Return a TFMessage."""
-        transform = self.make(
-            "geometry_msgs/msg/Transform",
-            translation=self._place("Vector3", pose),
-            rotation=self._turn(pose),
-        )
+        translation, rotation = _parts(pose)
         stamped = self.make(
             "geometry_msgs/msg/TransformStamped",
-            header=self.header(time_ns, parent),
+            header=_header(time_ns, parent),
             child_frame_id=child,
-            transform=transform,
+            transform={"translation": translation, "rotation": rotation},
         )
         return self.make("tf2_msgs/msg/TFMessage", transforms=[stamped])
 
     def pose(self, time_ns: int, parent: str, pose: np.ndarray) -> Any:
         """Return a PoseStamped."""
-        value = self.make(
-            "geometry_msgs/msg/Pose",
-            position=self._place("Point", pose),
-            orientation=self._turn(pose),
+        position, orientation = _parts(pose)
+        return self.make(
+            "geometry_msgs/msg/PoseStamped",
+            header=_header(time_ns, parent),
+            pose={"position": position, "orientation": orientation},
         )
-        header = self.header(time_ns, parent)
-        return self.make("geometry_msgs/msg/PoseStamped", header=header, pose=value)
 
     def odometry(self, time_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:
-        zero = self._place("Vector3", np.zeros((4, 4)))
-        twist = self.make("geometry_msgs/msg/Twist", linear=zero, angular=zero)
-        covariance = np.zeros(36)
-        stamped = self.pose(time_ns, parent, pose)
+        position, orientation = _parts(pose)
         return self.make(
             "nav_msgs/msg/Odometry",
-            header=stamped.header,
+            header=_header(time_ns, parent),
             child_frame_id=child,
-            pose=self.make(
-                "geometry_msgs/msg/PoseWithCovariance", pose=stamped.pose, covariance=covariance
-            ),
-            twist=self.make(
-                "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance
-            ),
+            pose={"pose": {"position": position, "orientation": orientation}},
         )
+
+
+def _header(time_ns: int, frame_id: str) -> dict[str, Any]:
+    return {
+        "stamp": {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9},
+        "frame_id": frame_id,
+    }
+
+
+def _parts(pose: np.ndarray) -> list[dict[str, float]]:
+    """Return the position and the quaternion of a pose."""
+    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return [dict(zip("xyzw", part.tolist(), strict=False)) for part in (pose[:3, 3], quaternion)]
 
 
 def write_messages(path: Path, made: Messages, messages: Sequence[Message]) -> Path:

@@ -138,13 +138,3 @@ def test_images_of_another_shape_are_refused(root: Path) -> None:
         cv2.imwrite(str(path), np.zeros((48, 128, 3), np.uint8))
     with pytest.raises(BadData, match="about images of 2048x1024, these are 128x48"):
         Cityscapes(root, **WINDOW)
-
-
-def test_the_doctor_examines_snippets(root: Path) -> None:
-    examination = Doctor().examine(root, deep=True)
-    (finding,) = examination.findings
-    assert finding.severity == "note"
-    assert "no recorded poses" in finding.message
-    row = examination.rows[0]
-    assert (row["sequence"], row["frames"], row["size_px"]) == (NAME, "30", "128x64")
-    assert (row["duration_s"], row["calibrated"], row["poses"]) == ("1.7", "f 150 px", "none")

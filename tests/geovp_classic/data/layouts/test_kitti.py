@@ -74,15 +74,6 @@ def test_without_a_pose_file_there_is_no_trajectory(kitti_root: Path) -> None:
     assert kitti(kitti_root)[0].trajectory is None
 
 
-def test_overlapping_clips_decode_a_frame_once(kitti_root: Path) -> None:
-    data = kitti(kitti_root, sequences=("01",), stride=1)
-    first = data[0]
-    for path in (kitti_root / "sequences" / "01" / "image_0").iterdir():
-        if path.name != "000004.png":
-            path.unlink()
-    np.testing.assert_array_equal(data[1].frames[:3], first.frames[1:])
-
-
 def test_wrong_settings_are_refused_on_construction(kitti_root: Path) -> None:
     wrong: list[tuple[dict[str, object], str]] = [
         ({"sequences": ("07",)}, "no sequence '07': name one of 00, 01"),

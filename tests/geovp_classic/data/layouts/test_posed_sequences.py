@@ -246,16 +246,6 @@ def test_damaged_files_of_euroc_are_named(
             Euroc(tmp_path, **CUT)
 
 
-def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        for number in range(2):
-            cv2.imwrite(str(tmp_path / name / f"{number}.png"), street.frames[number])
-    examined = Doctor().examine(tmp_path)
-    assert [row["frames"] for row in examined.rows] == ["2", "2"]
-    assert examined.is_sound
-
-
 @pytest.mark.parametrize("kept", [slice(6, 7), slice(0, 12, 2)])
 def test_poses_without_two_images_in_a_row_are_an_error(
     kept: slice, tmp_path: Path, write_tum: Write, write_colmap: Write, street: Clip

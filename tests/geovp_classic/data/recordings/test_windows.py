@@ -70,14 +70,6 @@ def test_names_may_hold_spaces_and_brackets() -> None:
     assert FrameRange.parse(" 03 [0:4) ") == FrameRange("03", 0, 4)
 
 
-@given(st.integers(0, 50), st.integers(0, 40), st.integers(2, 20), st.integers(1, 9))
-def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride: int) -> None:
-    last = first + num_frames + extra
-    starts = FrameRange("a", first, last).starts(num_frames, stride)
-    assert starts[0] == first
-    assert starts[-1] + num_frames <= last < starts[-1] + stride + num_frames
-
-
 @pytest.mark.parametrize(
     ("width_px", "height_px", "side_px", "tolerance_px"),
     [(1242, 375, 256, 0.01), (416, 128, 128, 1e-6), (416, 128, 256, 0.02)],
@@ -118,18 +110,15 @@ def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
     assert stretched.intrinsics == Intrinsics(20, 10, 7.5, 1.5, 16, 4)
 
 
-def test_inconsistent_recordings_are_refused() -> None:
+def test_implausible_recordings_are_refused() -> None:
     images, times_s = Images(np.zeros((5, 4, 8, 3), np.uint8)), np.arange(5.0)
-    right = SideCamera(Images(images.frames[:3]), CAMERA, np.eye(4))
     for arguments, message in (
-        ((images, times_s[:4], CAMERA), "a: 4 times for 5 frames"),
-        ((images, times_s, CAMERA, None, None, right), "a: 3 right frames for 5 frames"),
-        ((images, 100 * times_s, CAMERA), "give times in seconds"),
-        ((images, times_s, replace(CAMERA, fx_px=0.1)), "give the calibration in pixels"),
-        ((images, times_s, replace(CAMERA, cx_px=100.0)), "give the calibration in pixels"),
+        ((100 * times_s, CAMERA), "give times in seconds"),
+        ((times_s, replace(CAMERA, fx_px=0.1)), "give the calibration in pixels"),
+        ((times_s, replace(CAMERA, cx_px=100.0)), "give the calibration in pixels"),
     ):
         with pytest.raises(BadData, match=message):
-            Recording("a", *arguments)
+            Recording("a", images, *arguments)
 
 
 def test_no_piece_crosses_a_break() -> None:
