@@ -28,17 +28,6 @@ def test_named_splits_hold_their_ranges() -> None:
     assert {name: " ".join(map(str, splits.load(name))) for name in splits.names()} == EXPECTED
 
 
-@pytest.mark.parametrize("family", ["", "forecast-", "thesis-like-", "deepvo-"])
-def test_parts_of_a_family_share_no_frame(family: str) -> None:
-    parts = [part for part in ("train", "val", "test", "test-colour") if family + part in EXPECTED]
-    frames: set[tuple[str, int]] = set()
-    for part in parts:
-        for range_ in splits.load(family + part):
-            here = {(range_.sequence, frame) for frame in range(range_.first, range_.last or 5000)}
-            assert not frames & here
-            frames |= here
-
-
 def test_the_hash_follows_from_the_ranges_alone(tmp_path: Path) -> None:
     path = tmp_path / "other.toml"
     path.write_text('# comment\nranges = [ "03[180:360)",  "06[0:51)" ]')

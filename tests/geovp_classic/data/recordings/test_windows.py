@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.data.recordings import windows
-from geovp_classic.data.recordings.windows import FrameRange, Recording, SideCamera
+from geovp_classic.data.recordings.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Intrinsics, Trajectory
@@ -30,16 +30,13 @@ class Images:
         return self.frames[index]
 
 
-def recording_of(
-    frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None
-) -> Recording:
+def recording_of(frames: np.ndarray, camera: Intrinsics) -> Recording:
     """Return frames at 10 Hz of a camera that moves along z, 1 m a frame."""
-    count = len(frames)
-    world_from_cam = np.eye(4)[None].repeat(count, axis=0)
-    world_from_cam[:, 2, 3] = np.arange(count)
-    times_s = np.arange(count) / 10
+    world_from_cam = np.tile(np.eye(4), (len(frames), 1, 1))
+    world_from_cam[:, 2, 3] = np.arange(len(frames))
+    times_s = np.arange(len(frames)) / 10
     trajectory = Trajectory(world_from_cam, times_s, is_metric=True)
-    return Recording("a", Images(frames), times_s, camera, trajectory, 1.65, right)
+    return Recording("a", Images(frames), times_s, camera, trajectory, 1.65)
 
 
 def test_ranges_may_be_open() -> None:
@@ -90,24 +87,24 @@ def test_a_corner_lands_where_the_intrinsics_say(
     np.testing.assert_allclose(corner, expected, atol=tolerance_px)
 
 
-def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
-    frames = np.zeros((6, 4, 8, 3), np.uint8)
-    frames += np.arange(6, dtype=np.uint8)[:, None, None, None]
-    right = SideCamera(Images(frames + 100), CAMERA, np.diag([1.0, -1.0, -1.0, 1.0]))
-    recording = recording_of(frames, CAMERA, right)
-    clip = windows.cut(recording, 2, 3, (4, 4), with_full=True)
+def test_a_clip_has_the_frames_times_poses_and_depths_of_its_range() -> None:
+    """The depth of frames of 8x4 pixels is the column: the middle 4 columns are 2 to 5."""
+    frames = np.arange(6)[:, None, None, None] * np.ones((4, 8, 3))
+    column = np.tile(np.arange(8.0), (4, 1))
+    depths = Images(column + 10 * np.arange(6.0)[:, None, None])
+    recording = replace(recording_of(frames.astype(np.uint8), CAMERA), depths=depths)
+    clip = windows.cut(recording, 2, 3, (4, 4))
     assert clip.name == "a/000002"
     assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
     assert clip.times_s.tolist() == [0.2, 0.3, 0.4]
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
     assert clip.camera_height_m == 1.65
     assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
-    np.testing.assert_array_equal(clip.full.frames, frames[2:5])
-    np.testing.assert_array_equal(clip.right.frames, frames[2:5] + 100)
-    assert clip.full.intrinsics == clip.right.intrinsics == CAMERA
-    np.testing.assert_array_equal(clip.right.view_from_cam, right.view_from_cam)
+    assert clip.depths[1, 0].tolist() == [32, 33, 34, 35]
     stretched = windows.cut(recording, 0, 2, (16, 4), fit="stretch")
     assert stretched.intrinsics == Intrinsics(20, 10, 7.5, 1.5, 16, 4)
+    smaller = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths[0, 0].tolist()
+    assert smaller in ([0, 2, 4, 6], [1, 3, 5, 7])  # no means
 
 
 def test_implausible_recordings_are_refused() -> None:
@@ -129,19 +126,6 @@ def test_no_piece_crosses_a_break() -> None:
     assert pieces((1, 8, 10, 20), 5) == ["a[2:8)", "a[10:20)"]
     with pytest.raises(BadData, match="has 7 frames without a break"):
         pieces((8, 15), 9)
-
-
-def test_depths_are_cropped_and_resized_with_the_frames() -> None:
-    """The depth of frames of 8x4 pixels is the column: the middle 4 columns are 2 to 5."""
-    column = np.tile(np.arange(8.0), (4, 1))
-    recording = replace(
-        recording_of(np.zeros((3, 4, 8, 3), np.uint8), CAMERA),
-        depths=Images(column + 10 * np.arange(3.0)[:, None, None]),
-    )
-    cropped = windows.cut(recording, 1, 2, (4, 4)).depths
-    assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
-    whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths[0, 0].tolist()
-    assert whole in ([0, 2, 4, 6], [1, 3, 5, 7])  # no means
 
 
 @pytest.mark.parametrize(

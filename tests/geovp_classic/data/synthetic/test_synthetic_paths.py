@@ -20,14 +20,6 @@ def test_a_straight_path_continues_beyond_its_ends() -> None:
     np.testing.assert_allclose(yaw_rad, np.pi / 2)
 
 
-@pytest.mark.parametrize("turn_rad", [-np.pi / 2, 0.3, np.pi / 2])
-def test_bends_have_their_turn_and_length(turn_rad: float) -> None:
-    path = from_bends([(30.0, 0.0), (20.0, turn_rad), (30.0, 0.0)])
-    assert path.yaw_rad[-1] == pytest.approx(turn_rad, abs=1e-6)
-    np.testing.assert_allclose(np.abs(np.diff(path.points)), 0.25, atol=1e-9)
-    assert len(path.points) == 1 + 80 / 0.25
-
-
 @given(along_m=st.floats(1.0, 99.0), right_m=st.floats(-8.0, 8.0))
 def test_places_beside_a_path_are_recovered(along_m: float, right_m: float) -> None:
     path = from_bends([(40.0, 0.0), (30.0, 0.8), (30.0, 0.0)])
