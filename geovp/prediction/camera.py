@@ -13,7 +13,7 @@ from geovp_classic.data.frames.undistortion import (
     UndistortedFrames,
     common_pinhole,
 )
-from geovp_classic.data.recordings.windows import Recording
+from geovp_classic.data.recordings.windows import Recording, SelectedFrames
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import FocalLengthEstimator
@@ -90,8 +90,11 @@ def _focal_length(
     """Return the focal length in pixels, its source, and its 90 % interval if it is estimated."""
     width_px, source = recording.intrinsics.width_px, "field of view"
     if fov_deg is None:
-        if isinstance(recording.frames, FrameFiles):
-            focal_px = exif_focal_px(recording.frames.paths[0])
+        frames = recording.frames
+        while isinstance(frames, SelectedFrames):
+            frames = frames.frames
+        if isinstance(frames, FrameFiles):
+            focal_px = exif_focal_px(frames.paths[0])
             if focal_px is not None:
                 return focal_px, "EXIF data", None
         size_px = output_size(recording.intrinsics, max_side_px=1280)

@@ -187,6 +187,20 @@ def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images
     assert any("70 degrees are assumed" in line for line in found.warnings())
 
 
+def test_the_focal_length_of_photos_is_that_of_their_exif_data(tmp_path: Path) -> None:
+    """36 mm of a film with a diagonal of 43.27 mm; that of 128x128 pixels is 181 px."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 36
+    for number, frame in enumerate(street.clip().frames[:5]):
+        Image.fromarray(frame).save(tmp_path / f"{number}.jpg", exif=exif)
+    request = PredictionRequest(
+        tmp_path, frame_rate_hz=10.0, num_past=4, num_future=1, size_px=(128, 128)
+    )
+    camera = prediction.predict(request).camera
+    assert camera.source == "EXIF data"
+    assert camera.intrinsics.fx_px == pytest.approx(36 * 128 * 2**0.5 / 43.27)
+
+
 @pytest.mark.parametrize(
     ("camera", "is_warned"),
     [

@@ -130,9 +130,11 @@ class Videos(PosedSequences):
         )
 
     @cached_property
-    def _windows(self) -> dict[tuple[str, int], Recording]:
-        """Return the frames of each clip by its sequence and its first stored frame."""
-        clips = {}
+    def _clips(self) -> list[tuple[str, Recording, int]]:
+        """Return the name and the frames of each clip, which are a recording of their own."""
+        if self.num_windows == "all":
+            return super()._clips
+        clips = []
         for name, recording in self.native_recordings.items():
             # the last window ends at the last frame
             times_s = recording.times_s
@@ -145,21 +147,14 @@ class Videos(PosedSequences):
                 )
             last = from_end[-self.num_frames]
             # the others begin evenly spaced between the first frame and that window's
-            for start in np.unique(np.linspace(0, last, int(self.num_windows)).round().astype(int)):
+            starts = np.linspace(0, last, self.num_windows).round().astype(int)
+            for start in np.unique(starts).tolist():
                 following = frames_at_rate(times_s[start:], self.rate_hz, self.frame_step)
-                window = recording.selected(start + following[: self.num_frames])
+                numbers = start + following[: self.num_frames]
+                clip_name = windows.clip_name(name, start)
+                window = replace(recording.selected(numbers), name=clip_name)
                 if not self._paused(window).breaks:
-                    clip_name = windows.clip_name(name, int(start))
-                    clips[name, int(start)] = replace(window, name=clip_name)
+                    clips.append((clip_name, window, 0))
         if not clips:
             raise BadData(f"{self.root}: each clip holds a pause of more than {self.max_step_s} s")
         return clips
-
-    @cached_property
-    def _starts(self) -> list[tuple[str, int]]:
-        return super()._starts if self.num_windows == "all" else list(self._windows)
-
-    def _place(self, index: int) -> tuple[Recording, int]:
-        if self.num_windows == "all":
-            return super()._place(index)
-        return self._windows[self._starts[index]], 0

@@ -255,18 +255,18 @@ class SequenceDataset(ABC):
         return splits.content_hash(self.ranges)
 
     @cached_property
-    def _starts(self) -> list[tuple[str, int]]:
-        """Return sequence and first frame of each clip."""
+    def _clips(self) -> list[tuple[str, Recording, int]]:
+        """Return the name of each clip, the recording that holds it, and its first frame there."""
         return [
-            (frame_range.sequence, first)
-            for frame_range in self.ranges
-            for first in frame_range.starts(self.num_frames, self.stride)
+            (windows.clip_name(each.sequence, first), self.recordings[each.sequence], first)
+            for each in self.ranges
+            for first in each.starts(self.num_frames, self.stride)
         ]
 
     @property
     def clip_names(self) -> tuple[str, ...]:
         """Return the clips' names in order, without reading the clips."""
-        return tuple(itertools.starmap(windows.clip_name, self._starts))
+        return tuple(name for name, *_ in self._clips)
 
     @cached_property
     def recordings(self) -> dict[str, Recording]:
@@ -312,21 +312,21 @@ class SequenceDataset(ABC):
         return functools.lru_cache(maxsize=2 * self.num_frames)(load)
 
     def __len__(self) -> int:
-        return len(self._starts)
+        return len(self._clips)
 
     def __getitem__(self, index: int) -> Clip:
         """Return one clip; BadData names the image that is wrong."""
-        place = self._place(index)
-        size_px = self.size_px
-        clip = windows.cut(*place, self.num_frames, size_px, with_full=self.with_full, fit=self.fit)
-        return replace(clip, name=self.clip_names[index])
+        name, recording, first = self._clips[index]
+        settings = self.num_frames, self.size_px
+        clip = windows.cut(recording, first, *settings, with_full=self.with_full, fit=self.fit)
+        return replace(clip, name=name)
 
     def clip_digest(self, index: int) -> str:
         """Return a hash of the content of a clip, which does not depend on paths.
 
         Of image files, the size and a sample of bytes are read.
         """
-        recording, first = self._place(index)
+        _, recording, first = self._clips[index]
         span = slice(first, first + self.num_frames)
         content = hashlib.sha256(repr((self.size_px, self.fit, self.image_bits)).encode())
         for step in range(span.start, span.stop):
@@ -340,11 +340,6 @@ class SequenceDataset(ABC):
             content.update(recording.trajectory.world_from_cam[span].tobytes())
         content.update(repr((recording.intrinsics, recording.camera_height_m)).encode())
         return content.hexdigest()[:16]
-
-    def _place(self, index: int) -> tuple[Recording, int]:
-        """Return the recording that a clip is cut from, and its first frame there."""
-        sequence, first = self._starts[index]
-        return self.recordings[sequence], first
 
     @cached_property
     def _frame_digests(self) -> dict[tuple[str, int], bytes]:
