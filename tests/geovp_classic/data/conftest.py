@@ -6,6 +6,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from video_files import grey_levels, write_video
+
+from geovp_classic import api
+from geovp_classic.types import Clip
 
 WIDTH_PX, HEIGHT_PX = 64, 24
 NUM_FRAMES = 12
@@ -56,9 +60,12 @@ def edit() -> Callable[[Path, int, str], None]:
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     """Twelve frames of 64x24 pixels at 25 Hz, frame k all grey 10 k."""
+    images = grey_levels(12, size_px=(64, 24))
     path = tmp_path / "drive.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (64, 24))
-    for number in range(12):
-        writer.write(np.full((24, 64, 3), 10 * number, np.uint8))
-    writer.release()
-    return path
+    return write_video(path, images, codec="mjpeg", rate=25, pixel_format="yuvj420p")
+
+
+@pytest.fixture(scope="session")
+def street() -> Clip:
+    """Twelve frames of 64x64 pixels."""
+    return api.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [64, 64]})

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic import api, registry
+from geovp_classic import registry
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.findings import RAISE
 from geovp_classic.data.formats import pose_files
@@ -26,11 +26,6 @@ from geovp_classic.types import Clip, Intrinsics
 Write = Callable[..., Path]
 Edit = Callable[[Path, int, str], None]
 CUT = {"num_frames": 4, "stride": 4, "size_px": (64, 64)}
-
-
-@pytest.fixture(scope="module")
-def street() -> Clip:
-    return api.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [64, 64]})
 
 
 def numbers_of(clip: Clip) -> tuple[float, float, float, float]:

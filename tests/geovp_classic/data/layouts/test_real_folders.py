@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from geovp_classic import api
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.folder import Folder
@@ -16,11 +15,6 @@ from geovp_classic.types import Clip
 
 Write = Callable[..., Path]
 ORIENTATION = 0x112
-
-
-@pytest.fixture(scope="module")
-def street() -> Clip:
-    return api.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [64, 64]})
 
 
 def turned_photo(path: Path, orientation: int) -> None:

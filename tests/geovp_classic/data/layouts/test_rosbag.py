@@ -107,12 +107,10 @@ def test_images_are_decoded(name: str, bits: str, is_bigendian: bool) -> None:
     np.testing.assert_allclose(decoded.astype(int), np.full((12, 16, 3), colour), atol=tolerance)
 
 
-def test_an_image_that_has_too_few_values_or_an_odd_width_is_refused() -> None:
-    for width, values in ((16, np.zeros((12, 7, 2), np.uint8)), (15, np.zeros((12, 15, 2), "u1"))):
-        message = Messages(is_ros1=False).image(START_NS, values, "yuyv")
-        message.width = width
-        with pytest.raises(BadData, match="image is not an image"):
-            bags.decode(Path("image"), message)
+def test_an_image_of_an_odd_width_is_refused() -> None:
+    message = Messages(is_ros1=False).image(START_NS, np.zeros((12, 15, 2), np.uint8), "yuyv")
+    with pytest.raises(BadData, match="image is not an image"):
+        bags.decode(Path("image"), message)
 
 
 @pytest.mark.parametrize("stamp_ns", [0, START_NS])
