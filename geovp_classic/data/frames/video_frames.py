@@ -62,13 +62,6 @@ class VideoFrames:
         """Return a name for each frame; no files have these names."""
         return tuple(self.path / f"frame {number}" for number in range(len(self)))
 
-    @property
-    def rate_hz(self) -> float | None:
-        """Return the usual number of frames per second; None for a raw stream or one frame."""
-        if self.times_s is None or len(self) < 2:
-            return None
-        return 1 / float(np.median(np.diff(self.times_s)))
-
     def times_at(self, stated_hz: float | None) -> FloatArray:
         """Return the times of all frames; a stated rate must be that of the video.
 
@@ -78,8 +71,8 @@ class VideoFrames:
             if stated_hz is None:
                 raise BadData(f"{self.path} does not state its rate: give frame_rate_hz")
             return np.arange(len(self)) / stated_hz
-        usual_hz = self.rate_hz
-        if stated_hz is not None and usual_hz is not None:
+        if stated_hz is not None and len(self) > 1:
+            usual_hz = 1 / float(np.median(np.diff(self.times_s)))
             mean_hz = (len(self) - 1) / self.times_s[-1]
             if min(abs(np.log(stated_hz / rate_hz)) for rate_hz in (usual_hz, mean_hz)) > 0.05:
                 raise BadData(

@@ -116,8 +116,8 @@ class Videos(PosedSequences):
                 focal_px = width_px / 2 / np.tan(np.radians(facts["fov_deg"]) / 2)
                 intrinsics = focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2
             fx, fy, cx, cy = map(float, intrinsics)
-            names = [key for key in ("fps", "camera_height_m") if facts.get(key) is not None]
-            scalars = {key: float(facts[key]) for key in names}
+            stated = {key: facts.get(key) for key in ("fps", "camera_height_m")}
+            scalars = {key: float(value) for key, value in stated.items() if value is not None}
             if not all(1e-6 < value < 1e6 for value in (fx, fy, cx, cy, *scalars.values())):
                 raise ValueError("not a positive number")
         camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, width_px, height_px))

@@ -243,8 +243,7 @@ def cut(
     native = read(recording.frames)
     right = None
     if side is not None:
-        frames = read(side.frames)
-        right = ExtraView(frames, side.intrinsics, side.view_from_cam)
+        right = ExtraView(read(side.frames), side.intrinsics, side.view_from_cam)
     depths = None
     if recording.depths is not None:
         # A mean over an edge would be on no surface.
