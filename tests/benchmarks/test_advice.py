@@ -6,9 +6,24 @@ from pathlib import Path
 
 import pytest
 
+from geovp_benchmarks import cli
 from geovp_benchmarks.cli import command_line, spelled, verbosity
 
 ROOT = Path(__file__).resolve().parents[2]
+# the command that raises the messages of a folder, a file or a function of it
+SOURCES = [
+    ("predict", "geovp_classic/data", None),
+    ("predict", "geovp/prediction", None),
+    ("display", "geovp_classic/data", None),
+    ("display", "geovp/display", None),
+    ("display", "geovp/prediction/camera.py", None),
+    ("display", "geovp/prediction/prediction.py", "read_recording"),
+    *(
+        (path.stem, f"benchmarks/geovp_benchmarks/cli/{path.name}", "run")
+        for path in sorted((ROOT / "benchmarks/geovp_benchmarks/cli").glob("*.py"))
+        if path.stem in cli.COMMANDS
+    ),
+]
 
 
 def options_of(command: str) -> dict[str, list[str]]:
@@ -18,22 +33,33 @@ def options_of(command: str) -> dict[str, list[str]]:
     return dict(parser.parse_args([command, *path]).options)
 
 
-def advised(folder: str) -> set[str]:
-    """Return the options that the messages of a package name."""
+def advised(place: str, function: str | None) -> set[str]:
+    """Return the options that the messages of a folder, a file or a function of it name."""
+    path = ROOT / place
     names = set()
-    for file in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                # COLMAP's own options have an underscore
-                names |= set(re.findall(r"(?<![\w-])--[a-z][a-z-]+(?![\w-])", node.value))
+    for file in sorted(path.rglob("*.py")) or [path]:
+        for node in ast.parse(file.read_text()).body:
+            if function is None or getattr(node, "name", None) == function:
+                texts = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
+                for text in filter(lambda text: isinstance(text, str), texts):
+                    # COLMAP's own options have an underscore
+                    names |= set(re.findall(r"(?<![\w-])--[a-z][a-z-]+(?![\w-])", text))
     return names
+
+
+@pytest.mark.parametrize(("command", "place", "function"), SOURCES)
+def test_advised_options_exist(command: str, place: str, function: str | None) -> None:
+    parser = command_line()
+    commands = next(each.choices for each in parser._actions if isinstance(each.choices, dict))
+    names = {name for action in commands[command]._actions for name in action.option_strings}
+    assert advised(place, function) <= names
 
 
 def test_all_packages_advise_options_of_some_command() -> None:
     commands = next(each.choices for each in command_line()._actions if each.choices is not None)
     actions = [action for parser in commands.values() for action in parser._actions]
     names = {name for action in actions for name in action.option_strings}
-    named = advised("geovp_classic") | advised("geovp")
+    named = advised("geovp_classic", None) | advised("geovp", None)
     names |= {name for action in verbosity()._actions for name in action.option_strings}
     assert {"--fov", "--camera-height", "--topic"} <= named <= names
 
@@ -52,3 +78,4 @@ def test_settings_of_data_sets_are_called_by_their_options(command: str) -> None
 
 def test_other_commands_keep_the_names_of_tables() -> None:
     assert spelled("give image_topic", options_of("poses")) == "give image_topic"
+    assert cli.COMMANDS

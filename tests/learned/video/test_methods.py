@@ -52,6 +52,22 @@ def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteA
     assert error(made, images[:, PAST:]) < 0.5 * copied
 
 
+def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining) -> None:
+    torch.manual_seed(0)
+    network = method.build()["video"].eval()
+    random = torch.Generator().manual_seed(1)
+    seen = torch.rand(2, PAST, 3, 16, 16, generator=random)
+    noise = torch.randn(2, PAST + 4, network.noise_size, generator=random)
+    with torch.no_grad():
+        both = network.predict(seen, noise)
+        alone = network.predict(seen[1:], noise[1:])
+        fewer = network.predict(seen, noise[:, : PAST + 2])
+    assert both.shape == (2, 4, 3, 16, 16)
+    # Nothing leaks across the batch in evaluation mode, nor from the future.
+    torch.testing.assert_close(both[1:], alone, atol=1e-6, rtol=0)
+    torch.testing.assert_close(both[:, :2], fewer, atol=1e-6, rtol=0)
+
+
 def test_validation_compares_with_the_last_frame_at_the_networks_size(
     method: VideoTraining, street_window: ByteArray
 ) -> None:
