@@ -88,7 +88,7 @@ def against(
         num_clips = max((score.clips for score in differences.values()), default=0)
         methods.append(replace(method, scores=differences, num_clips=num_clips))
     # Stars and notes: which differences are significant, and which are not tested.
-    starred = set()
+    starred = set[tuple[str, str]]()
     for key in (column.key for column in columns if column.key not in exact):
         tested = [method for method in methods if key in method.scores]
         is_significant = holm([method.scores[key] for method in tested])
