@@ -15,7 +15,6 @@ import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from importlib import metadata
 from types import ModuleType
 from typing import Any, TextIO
 
@@ -66,8 +65,13 @@ def command_line(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         epilog="Exit code: 0 everything done, 1 something failed or was skipped, 2 bad input.",
         parents=[verbosity()],
     )
-    version = f"geovp {metadata.version('geovp')}"
-    parser.add_argument("--version", action="version", version=version, help="Print the version.")
+    if len(names) > 1:  # else no version was asked for, which takes a twentieth of a table to find
+        from importlib import metadata
+
+        version = f"geovp {metadata.version('geovp')}"
+        parser.add_argument(
+            "--version", action="version", version=version, help="Print the version."
+        )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in names:
         add_command(commands, name, importlib.import_module(f"{__name__}.{name}"))
