@@ -44,6 +44,7 @@ class Synthetic(Optics):
     size_px: tuple[int, int] = (256, 256)  # as in the thesis
     with_full: bool = False  # also the uncropped frames
     with_right: bool = False  # also the frames of the right camera
+    has_plain_road: bool = False  # asphalt without lines, cracks, stains and grain
     pitch_deg: float = 0.0  # of the mounted camera, up
     roll_deg: float = 0.0  # of the mounted camera, clockwise
     bounce: float = 1.0  # scale of the motion of the car's body
@@ -67,7 +68,7 @@ class Synthetic(Optics):
         """Render a clip."""
         index = range(self.num_clips)[index]
         seed, manoeuvre, first = self.window(index)
-        street = build_street(seed, manoeuvre)
+        street = build_street(seed, manoeuvre, self.has_plain_road)
         times_s = (first + np.arange(self.num_frames)) / 10.0
         world_from_cam = self._world_from_cam(street.ego, times_s, seed)
         square, uncropped = self._cameras()

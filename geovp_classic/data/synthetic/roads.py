@@ -128,6 +128,7 @@ class Roads:
     pavement_m: float = 2.2  # from the road to the grass: two people and a lamp post
     corner_radius_m: float = 6.0  # a car turns in 5 to 6 m
     zebra_m: float = 3.0  # length of a zebra crossing along the road, a round value
+    is_plain: bool = False  # asphalt without lines, cracks, stains and grain
 
     def locate(self, places: Places) -> tuple[Places, FloatArray, FloatArray]:
         """Return (right + i along) of places [N] and yaw_rad on each path [paths, N].
@@ -160,6 +161,8 @@ class Roads:
             from_junction_m -= self.corner_radius_m + 0.5
             texture[is_road & (from_junction_m < self.zebra_m)] = Texture.ZEBRA
             texture[is_road & (from_junction_m < 0)] = Texture.ASPHALT
+        if self.is_plain:
+            texture[is_road] = Texture.PLAIN_ROAD
 
         pick = (from_middle_m.argmin(axis=0), np.arange(len(places)))
         is_lane = np.isin(texture, (Texture.ROAD, Texture.ZEBRA))

@@ -7,7 +7,7 @@ import functools
 import itertools
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -99,10 +99,11 @@ class Street:
 
 
 @functools.lru_cache(maxsize=8)
-def build_street(seed: int, manoeuvre: str) -> Street:
+def build_street(seed: int, manoeuvre: str, has_plain_road: bool = False) -> Street:
     """Return the street for a manoeuvre, furnished for 230 m."""
     rng = np.random.default_rng([seed, list(MANOEUVRES).index(manoeuvre)])
     roads, (ego, *others) = plan(manoeuvre, rng)
+    roads = replace(roads, is_plain=has_plain_road)
     cars = TABLES["rows"][1]["models"]
     traffic = [(model(rng, str(rng.choice(cars))), other) for other in others]
     weather = Weather.drawn(rng)
