@@ -22,7 +22,7 @@ class TwoView:
 
     b_from_a: FloatArray  # [4, 4]; the translation has length 1, or 0 where none is visible
     inliers: BoolArray  # [N]
-    parallax: float  # median shift of the inliers on z = 1 beyond the rotation
+    parallax: float  # median shift of the inliers on z = 1, beyond any rotation
 
     @property
     def has_translation(self) -> bool:
@@ -114,7 +114,12 @@ class TwoViewEstimator:
         inliers = in_front & (np.abs(distance) < max_error)
         if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):
             return None
-        return TwoView(b_from_a, inliers, float(np.median(shift[inliers])))
+        # Where points have about one depth, a translation and a rotation may cancel each other: all
+        # points are then far from the motion's own rotation, and still show no parallax
+        b_rotated_from_a = np.eye(4)
+        b_rotated_from_a[:3, :3] = best_rotation(rays_a[inliers], rays_b[inliers], noise)
+        shift = parallax(b_rotated_from_a, rays_a[inliers], rays_b[inliers])
+        return TwoView(b_from_a, inliers, float(np.median(shift)))
 
 
 def homogeneous(rays: FloatArray) -> FloatArray:

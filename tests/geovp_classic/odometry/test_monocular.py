@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.layouts.kitti import Kitti
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry import monocular
@@ -52,6 +53,19 @@ def test_a_clip_comes_back_in_metres() -> None:
     assert tracked.all()
     assert np.median(rotation_deg) < 0.05
     assert np.median(translation) < 0.02  # of 0.5 m
+
+
+def test_a_start_behind_a_car_that_starts_is_no_turn() -> None:
+    """In one second the camera moves .4 m, and a turn may cancel a motion past far points."""
+    clip = Synthetic(num_clips=6, num_frames=11)[5]  # accelerates
+    assert clip.trajectory is not None
+    trajectory, _ = Monocular(scale=UnitSpeed()).track(clip.split(10, PrivilegedInput.NONE)[0])
+    found, true = (
+        se3.inverse(poses[0]) @ poses[9]
+        for poses in (trajectory.world_from_cam, clip.trajectory.world_from_cam)
+    )
+    # 8.5 degrees if parallax is counted from the turn that was found with it
+    assert np.degrees(se3.rotation_angle_rad(se3.inverse(true) @ found)) < 0.1
 
 
 def test_without_metres_the_mean_step_is_one() -> None:
