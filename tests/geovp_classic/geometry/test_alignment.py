@@ -30,6 +30,13 @@ def test_a_similarity_is_recovered(seed: int, scale: float) -> None:
     np.testing.assert_allclose(estimate, b_from_a, atol=1e-8 * (1 + scale))
 
 
+@given(seeds)
+def test_a_mirrored_cloud_still_gives_a_rotation(seed: int) -> None:
+    points_a = cloud(seed)
+    _, b_from_a = umeyama(points_a, points_a * [1, 1, -1], with_scale=True)
+    assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
+
+
 def test_points_on_a_line_are_aligned_with_their_line() -> None:
     line = np.linspace(0, 10, 7)[:, None] * [0.0, 0, 1]
     target = line[:, [2, 1, 0]] + [3.0, 0, 0]

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -105,20 +104,6 @@ def test_sampson_distances_are_those_of_opencv() -> None:
         for p, q in zip(a, b, strict=True)
     ]
     np.testing.assert_allclose(distance**2, expected, rtol=1e-6, atol=1e-18)
-
-
-def test_refinement_without_outliers_agrees_with_pycolmap() -> None:
-    truth = unit_baseline(se3.exp(np.array([0, 0.1, -1.0, 0, 0.02, 0])))
-    near = unit_baseline(se3.exp(np.array([0.02, -0.01, 0, 0.002, -0.001, 0.001])) @ truth)
-    a, b = observations(truth, noise=0.01 * NOISE)
-    rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(near[:3, :3]), near[:3, 3])
-    directions = [
-        homogeneous(x) / np.linalg.norm(homogeneous(x), axis=1, keepdims=True) for x in (a, b)
-    ]
-    expected = pycolmap.refine_relative_pose(rigid, *directions, np.ones(len(a), dtype=bool))[
-        "cam2_from_cam1"
-    ]
-    np.testing.assert_allclose(two_view.refine(a, b, near, NOISE)[:3], expected.matrix(), atol=1e-4)
 
 
 @pytest.mark.parametrize(("num_moving", "is_static"), [(85, True), (95, False)])

@@ -74,6 +74,15 @@ def test_corners_are_spread_over_free_cells() -> None:
     assert not cells & {tuple(cell) for cell in np.floor(others / 20).astype(int)}
 
 
+def test_corners_come_in_order_of_strength() -> None:
+    grey = speckle()
+    detected = TRACKER.detect(grey)
+    strength = cv2.cornerMinEigenVal(grey, 3)
+    columns, rows = detected.astype(int).T
+    assert (np.diff(strength[rows, columns]) <= 0).all()
+    assert detected.min() >= TRACKER.border_px
+
+
 def test_wide_images_are_searched_at_half_size_with_the_same_pixel_convention() -> None:
     wide = np.zeros((200, 800), dtype=np.uint8)
     wide[80:120, 300:340] = 255  # its corners lie at 299.5 and 339.5

@@ -27,6 +27,16 @@ def test_samples_lie_on_the_road_ahead() -> None:
     assert np.abs(rays[:, 0] * depth).max() < ROAD.half_width
 
 
+def test_correlation_is_that_of_numpy() -> None:
+    before, now = np.random.default_rng(3).normal(100, 20, (2, 192, 256)).astype(np.float32)
+    before += now
+    v, u = np.mgrid[120:180:2, 10:240:2].reshape(2, -1)
+    rays = pinhole.unproject(np.stack([u, v], axis=1), 1.0, CAMERA)
+    pair = RoadPair(before, now, np.eye(4), CAMERA)
+    found = ROAD.correlation(before, now[v, u], pair, rays, level_plane() / 1.6)
+    assert found == pytest.approx(np.corrcoef(before[v, u], now[v, u])[0, 1], rel=1e-5)
+
+
 @pytest.mark.parametrize("offset", [0, 20])
 def test_alignment_finds_the_plane(offset: int) -> None:
     frames, poses = STRAIGHT
