@@ -37,7 +37,9 @@ def open_clip(source: Spec | Path, index: int = 0) -> Clip:
     TUM RGB-D, EuRoC, or a COLMAP model with its images, or a ROS bag. Raises BadData for any other
     source.
     """
-    dataset: Dataset = registry.build("datasets", _dataset_spec(source))
+    if not isinstance(source, Mapping) and source not in registry.names("datasets"):
+        source = detection.spec(Path(source).expanduser())
+    dataset: Dataset = registry.build("datasets", source)
     if not 0 <= index < len(dataset):
         raise BadData(
             f"index is {index}, but {dataset.name} has {len(dataset)} clips: give 0 to "
@@ -134,9 +136,3 @@ def _build(role: str, component: object) -> Any:
     if isinstance(component, (str, Mapping)):
         return registry.build(role, component)
     return component
-
-
-def _dataset_spec(source: Spec | Path) -> Spec:
-    if isinstance(source, Mapping) or source in registry.names("datasets"):
-        return source
-    return detection.spec(Path(source).expanduser())

@@ -84,7 +84,9 @@ class VehicleModel:
         dt_s: FloatArray,
     ) -> FloatArray:
         """Return the speed after dt at an exponentially decaying acceleration."""
-        return speed + acceleration * _decayed_time(self.acceleration_damping_hz, dt_s)
+        damping_hz = self.acceleration_damping_hz
+        decayed_s = dt_s if damping_hz == 0 else -np.expm1(-damping_hz * dt_s) / damping_hz
+        return speed + acceleration * decayed_s
 
     def _turn_rate(
         self,
@@ -156,13 +158,3 @@ class VehicleModel:
         )
         covariances = response * densities[: len(state)] ** 2 @ np.swapaxes(response, 1, 2)
         return np.tensordot(dt_s / 2 * WEIGHTS, covariances, axes=1)
-
-
-def _decayed_time(
-    damping_hz: float,
-    dt_s: FloatArray,
-) -> FloatArray:
-    """Return the integral over dt of an exponential decay from 1, in seconds."""
-    if damping_hz == 0:
-        return dt_s
-    return -np.expm1(-damping_hz * dt_s) / damping_hz

@@ -55,7 +55,9 @@ def exp(twist: FloatArray) -> FloatArray:
 
 def log(b_from_a: FloatArray) -> FloatArray:
     """Return the twists [..., 6] of rigid motions [..., 4, 4]; angles are in [0, pi]."""
-    rotation_vector = _rotation_vector(b_from_a[..., :3, :3])
+    rotation = b_from_a[..., :3, :3]
+    vectors = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    rotation_vector = vectors.reshape(*rotation.shape[:-2], 3)
     jacobian = _left_jacobian(rotation_vector)
     translational = np.linalg.solve(jacobian, b_from_a[..., :3, 3:])[..., 0]
     return np.concatenate([translational, rotation_vector], axis=-1)
@@ -120,11 +122,6 @@ def orthonormalised(
 def cross_matrix(vector: FloatArray) -> FloatArray:
     """Return [v]x [..., 3, 3] of vectors [..., 3], with [v]x u = v x u."""
     return (vector @ GENERATORS).reshape(*vector.shape, 3)
-
-
-def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    vectors = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-    return vectors.reshape(*rotation.shape[:-2], 3)
 
 
 def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:

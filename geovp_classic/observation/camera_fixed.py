@@ -68,7 +68,8 @@ class CameraFixedDetection:
             )
 
         edges = self._edges(greys)
-        is_textured = self._texture(greys[-1]) > self.min_gradient
+        x, y = _gradient(greys[-1].astype(np.float32))
+        is_textured = np.sqrt(self._windows(x * x + y * y)) > self.min_gradient
         if not is_textured.any():
             return nothing
         motion_px = float(np.quantile(self._motion(greys)[is_textured], 0.75))
@@ -139,19 +140,11 @@ class CameraFixedDetection:
             pixel_change,
         )
 
-    def _texture(self, grey: ByteArray) -> FloatArray:
-        """Return the rms gradient of cells [h, w] of an image."""
-        x, y = _gradient(grey.astype(np.float32))
-        return np.sqrt(self._windows(x * x + y * y))
-
     def _windows(self, values: FloatArray) -> FloatArray:
         """Return the means [h, w] of windows of three by three cells."""
-        return cv2.blur(self._cells(values), (3, 3))
-
-    def _cells(self, values: FloatArray) -> FloatArray:
-        height, width = values.shape[:2]
+        height, width = values.shape
         size = width // self.cell_px, height // self.cell_px
-        return cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+        return cv2.blur(cv2.resize(values, size, interpolation=cv2.INTER_AREA), (3, 3))
 
     def _motion(self, greys: ByteArray) -> FloatArray:
         """Return the length [h, w] of the image motion over all frames, from a few pairs."""

@@ -167,11 +167,12 @@ class ExposureEstimator:
         # Small, blurred images: gains are the same over large areas, and depth is inexact.
         small = _shrunk(camera, self.width_px / camera.width_px)
         size_px = (small.width_px, small.height_px)
-        small_inverse_depth = np.asarray(
-            cv2.resize(inverse_depth, size_px, interpolation=cv2.INTER_NEAREST),
-            np.float32,
-        )
-        images = [self._small(grey, size_px) for grey in greys]
+        nearest = cv2.resize(inverse_depth, size_px, interpolation=cv2.INTER_NEAREST)
+        small_inverse_depth = nearest.astype(np.float32)
+        images = []
+        for grey in greys:
+            resized = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
+            images.append(cv2.GaussianBlur(resized.astype(np.float32), (0, 0), self.blur_px))
         is_valid = self._is_comparable(images[-1], images[-1])
 
         def log_gain(step: int) -> float:
@@ -189,11 +190,6 @@ class ExposureEstimator:
 
         gains = parallel_map(log_gain, range(len(greys) - 1))
         return np.array([*gains, 0.0])
-
-    def _small(self, grey: ByteArray, size_px: tuple[int, int]) -> FloatArray:
-        """Return a smaller image [h, w] float32 without its finest detail."""
-        small = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
-        return cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
 
     def _is_comparable(self, warped: FloatArray, image: FloatArray) -> BoolArray:
         """Return where [h, w] a warped image is neither dark nor saturated."""
