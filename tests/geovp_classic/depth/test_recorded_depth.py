@@ -78,5 +78,3 @@ def test_errors_say_what_is_missing(tmp_path: Path) -> None:
     context, _ = CLIP.split(NUM_PAST, source.needs)
     with pytest.raises(Incompatible, match="align = true"):
         source.inverse_depths(context, replace(CLIP.trajectory[:NUM_PAST], is_metric=False))
-    with pytest.raises(BadData, match="baseline"):
-        estimate(tmp_path, values="disparity")

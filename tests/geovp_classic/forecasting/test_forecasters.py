@@ -43,9 +43,9 @@ def test_the_world_frame_and_the_unit_do_not_matter(forecaster: Forecaster) -> N
     past = drive(times_s, unit=2)
     elsewhere = se3.exp(np.array([10.0, -3, 5, 0.3, 2.0, -0.2]))
     moved = Trajectory(elsewhere @ past.world_from_cam, times_s, False)
-    ahead = forecaster.forecast(past, ahead_s)
-    np.testing.assert_allclose(forecaster.forecast(moved, ahead_s), elsewhere @ ahead, atol=1e-5)
-    larger = forecaster.forecast(drive(times_s, unit=0.5), ahead_s)
+    ahead = forecaster.forecast(past, ahead_s, 3)
+    np.testing.assert_allclose(forecaster.forecast(moved, ahead_s, 3), elsewhere @ ahead, atol=1e-5)
+    larger = forecaster.forecast(drive(times_s, unit=0.5), ahead_s, 3)
     np.testing.assert_allclose(larger[..., :3, 3], 4 * ahead[..., :3, 3], rtol=1e-3, atol=1e-3)
 
 

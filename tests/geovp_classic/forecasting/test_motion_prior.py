@@ -45,12 +45,9 @@ def test_a_mirrored_past_has_the_mirrored_future() -> None:
     assert 0.1 < ahead[1][-1, 2] < 0.4 * 20 * STEP_S * 1.5  # the turn continues and decays
 
 
-def test_a_single_pose_is_held_and_has_no_distribution() -> None:
-    past = drive(5.0, 0.0, 1)
-    futures = MotionPrior().forecast(past, np.array([1.0]), num_samples=3)
-    np.testing.assert_allclose(futures, np.tile(past.world_from_cam[-1], (3, 1, 1, 1)))
+def test_a_single_pose_has_no_distribution() -> None:
     with pytest.raises(BadData, match="at least two"):
-        MotionPrior().distribution(past, np.array([1.0]))
+        MotionPrior().distribution(drive(5.0, 0.0, 1), np.array([1.0]))
 
 
 def test_scale_free_futures_are_in_the_unit_of_the_past() -> None:
@@ -79,3 +76,7 @@ def test_the_damped_turn_brakes_to_rest_and_then_does_not_turn() -> None:
     # Five steps turn by .5 rad/s * .1 s, each by .95 of the one before.
     np.testing.assert_allclose(np.diff(path[:5, 2]), 0.05 * 0.95 ** np.arange(2, 6))
     np.testing.assert_allclose(path[5:], path[4][None].repeat(5, 0), atol=1e-12)
+    # A camera without speed, which is not in a vehicle, goes on turning.
+    twists[0, :, 2] = 0.0
+    path = motion_network.damped_turn(twists, 0.1, 10)[0]
+    np.testing.assert_allclose(path[:, 2], np.cumsum(0.05 * 0.95 ** np.arange(1, 11)))

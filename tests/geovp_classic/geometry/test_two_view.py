@@ -1,13 +1,11 @@
 """Motion between two images of known points."""
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.geometry import se3, two_view
-from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.types import FloatArray
 
 ESTIMATOR = two_view.TwoViewEstimator()
@@ -88,22 +86,6 @@ def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
 def test_random_points_have_an_unknown_motion() -> None:
     a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 200, 2))
     assert ESTIMATOR.estimate(a, b, NOISE) is None
-
-
-def unit_baseline(b_from_a: FloatArray) -> FloatArray:
-    return se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / np.linalg.norm(b_from_a[:3, 3]))
-
-
-def test_sampson_distances_are_those_of_opencv() -> None:
-    motion = unit_baseline(se3.exp(np.array([0.1, -0.05, -1.0, 0.01, 0.02, -0.005])))
-    a, b = observations(motion, noise=NOISE)
-    distance = two_view.sampson_distances(a, b, motion)[0]
-    essential = se3.cross_matrix(motion[:3, 3]) @ motion[:3, :3]
-    expected = [
-        cv2.sampsonDistance(homogeneous(p), homogeneous(q), essential)
-        for p, q in zip(a, b, strict=True)
-    ]
-    np.testing.assert_allclose(distance**2, expected, rtol=1e-6, atol=1e-18)
 
 
 @pytest.mark.parametrize(("num_moving", "is_static"), [(85, True), (95, False)])

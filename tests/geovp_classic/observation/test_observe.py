@@ -9,8 +9,10 @@ import pytest
 import geovp
 from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry import se3
 from geovp_classic.observation import Observer, future_greys
-from geovp_classic.types import Context, ExtraView, PrivilegedInput, Trajectory
+from geovp_classic.pose_refinement.registration import Registration
+from geovp_classic.types import Context, ExtraView, Motion, PrivilegedInput, Trajectory
 from tests.geovp_classic.observation.test_uncropped import NATIVE, noise_context
 
 
@@ -48,6 +50,15 @@ def test_blank_frames_change_no_scene(
     difference = np.abs(views[0].frames[0].astype(int) - views[1].frames[0])
     # Open3D's threads change a few pixels from run to run.
     assert (difference > 1).mean() < 0.01
+
+
+def test_blank_frames_are_not_registered(street: tuple[Context, Trajectory]) -> None:
+    context, past = street
+    given = past.world_from_cam.copy()
+    given[3] = given[3] @ se3.exp(np.array([0, 0, 0, np.deg2rad(0.5), 0, 0]))
+    motion = Motion(replace(past, world_from_cam=given), given[None, -1:], np.ones(15, bool))
+    refined = Registration().refine(Observer().observe(context).context, motion)
+    assert np.abs(refined.past.world_from_cam[3] - given[3]).max() > 1e-3
 
 
 def test_a_video_that_ends_in_ten_blank_frames_is_predicted(

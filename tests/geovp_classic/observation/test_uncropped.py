@@ -54,8 +54,6 @@ def test_pixels_are_finer_than_the_square_s_where_there_are_such(
 
 def test_what_cannot_be_done_is_refused() -> None:
     context = noise_context()
-    with pytest.raises(Incompatible, match="the clip has none"):
-        uncropped(dataclasses.replace(context, full=None))
     with_depths = dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32))
     past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
     with pytest.raises(Incompatible, match="the crop only"):

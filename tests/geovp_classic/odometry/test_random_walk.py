@@ -1,7 +1,5 @@
 """Random walks through measurements with noise, drift, outliers and gaps."""
 
-import time
-
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -46,14 +44,3 @@ def test_the_smoother_agrees_with_filterpys() -> None:
     np.testing.assert_allclose(variances, reference[1][:, 0, 0], atol=1e-9)
     gains = reference[2][:-1, 0, 0]
     np.testing.assert_allclose(lag_covariances, gains * reference[1][1:, 0, 0], atol=1e-9)
-
-
-def test_the_time_grows_linearly_with_the_number_of_frames() -> None:
-    def seconds(num_frames: int) -> float:
-        measured = np.random.default_rng(0).normal(0, 0.05, num_frames)
-        start = time.process_time()
-        RandomWalk(num_rounds=3).smooth(measured, np.full(num_frames, 0.05), np.ones(num_frames))
-        return time.process_time() - start
-
-    # Eight times as many frames: a dense covariance would take at least 64 times as long.
-    assert min(seconds(8000) for _ in range(3)) < 24 * min(seconds(1000) for _ in range(5))

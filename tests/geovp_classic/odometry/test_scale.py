@@ -99,10 +99,3 @@ def test_without_a_road_the_prior_is_assumed() -> None:
     result = (measured.unit, measured.uncertainty)
     measured.finalize(length=4.0, duration_s=0.9)
     assert (measured.unit, measured.uncertainty) == result
-
-
-def test_without_a_prior_or_a_path_the_unit_is_unknown() -> None:
-    for prior, length in ((None, 4.0), (SpeedPrior(), 0.0)):
-        estimator = GroundPlane(prior=prior).estimator(CAMERA, 1.65)
-        estimator.finalize(length, duration_s=0.9)
-        assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)

@@ -62,8 +62,6 @@ def test_a_kitti_file_has_one_pose_per_frame(tmp_path: Path, context: Context) -
         path, Trajectory(OTHER_FROM_WORLD @ screw([0, 1, 2]), np.arange(3.0), is_metric=True)
     )
     np.testing.assert_allclose(last_from_future(Commanded(path), context), screw([1, 2]), atol=1e-9)
-    with pytest.raises(BadData, match="3 poses, expected 4"):
-        Commanded(path).estimate(replace(context, times_s=np.append(context.times_s, 101.0)))
 
 
 def test_a_command_that_ends_too_early_is_rejected(tmp_path: Path, context: Context) -> None:
@@ -85,7 +83,6 @@ def test_missing_inputs_are_reported(context: Context) -> None:
     ("table", "message"),
     [
         ({}, "give exactly one of them"),
-        ({"futures": "command.txt", "speed_m_s": 3}, "give exactly one of them"),
         ({"futures": "command.txt", "turn_deg_s": 3}, "leave turn_deg_s out"),
         ({"futures": "nowhere.txt"}, r"nowhere\.txt is missing"),
     ],

@@ -5,8 +5,11 @@ import pytest
 import street
 
 from geovp_classic.errors import Incompatible
+from geovp_classic.forecasting.constant import Hold
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseSource
+from geovp_classic.odometry.recorded_past import RecordedPast
+from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.pose_sources.constant_velocity import ConstantVelocity
 from geovp_classic.pose_sources.ground_truth import GroundTruth
@@ -51,6 +54,11 @@ def test_ground_truth_is_the_recording() -> None:
     np.testing.assert_array_equal(motion.past.world_from_cam, whole.trajectory.world_from_cam[:5])
     np.testing.assert_array_equal(motion.futures, whole.trajectory.world_from_cam[None, 5:])
     assert motion.tracked.all()
+
+
+def test_chained_keeps_one_of_equal_samples() -> None:
+    motion = Chained(RecordedPast(), Hold()).estimate(context(drive()), num_samples=5)
+    assert len(motion.futures) == 1
 
 
 def test_registered_corrects_poses_that_contradict_future_images() -> None:

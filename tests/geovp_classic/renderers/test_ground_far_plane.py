@@ -90,6 +90,14 @@ def test_turning_away_uncovers_pixels_that_are_inpainted() -> None:
     assert (inpainted.frames[0][~covered[0]] > 0).any(axis=-1).mean() > 0.9
 
 
+def test_a_camera_below_the_ground_sees_the_sky_only() -> None:
+    sunken = DRIVE.copy()
+    sunken[NUM_PAST:, 1, 3] = 2.0
+    covered = predict(film(sunken), GroundFarPlane()).covered
+    assert covered[:, :60].any()
+    assert not covered[:, 61:].any()
+
+
 def test_missing_inputs_are_refused() -> None:
     clip = film(DRIVE)
     context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)

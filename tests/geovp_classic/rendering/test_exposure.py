@@ -54,6 +54,16 @@ def test_gains_are_those_of_the_camera(scale: float) -> None:
     np.testing.assert_allclose(exposure.log_gains, np.log(gains[-1] / gains), atol=tolerance)
 
 
+def test_sources_are_as_bright_as_the_last_frame() -> None:
+    gains = np.array([1.4, 0.7, 1.0])
+    exposure, (poses, images), (_, expected) = estimate(gains), drive(gains), drive(np.ones(3))
+    source = Source(np.repeat(images[0, ..., None], 3, axis=-1), CAMERA, poses[0])
+    matched = exposure.match(source, 0).frame.astype(float)
+    assert np.abs(matched[..., 0] - expected[0]).mean() < 1.5
+    means = images.mean(axis=(1, 2))
+    assert exposure.log_level == pytest.approx(np.log(means).mean(), abs=0.01)
+
+
 @pytest.mark.parametrize(("factor", "observed_range"), [(1.0, 0.05), (3.0, 0.05), (3.0, 0.0)])
 def test_the_exposure_changes_as_far_as_observed(factor: float, observed_range: float) -> None:
     # The mean of the image falls from 100 to 50, which a free control compensates in 4 s by log 2

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.rendering.image_sampler import ImageSampler
 from geovp_classic.rendering.rasterizer import NO_INDEX
 from geovp_classic.rendering.source import Source
@@ -56,6 +56,23 @@ def test_each_pixel_is_what_its_source_shows() -> None:
         difference = np.abs(frame[inner] - pattern(n, u, v)[inner])
         assert difference.mean() < 1.0  # OpenCV rounds to 32nds of a pixel
         assert difference.max() < 3.0
+
+
+def test_magnification_decides_between_fine_and_coarse_images() -> None:
+    # The image is twice as fine as the view, of a wall at 9, which shows all detail from half way
+    # there. From a third of the way, at a magnification of 0.75, it shows half of it.
+    camera = Intrinsics(30.0, 30.0, 24.0, 17.5, 49, 36)
+    fine = np.random.default_rng(1).integers(0, 255, (72, 98, 3), dtype=np.uint8)
+    source = Source(fine, SOURCE_CAMERA, np.eye(4))
+    coarse = Source(pinhole.resize(fine, (49, 36)), SOURCE_CAMERA, np.eye(4))
+    pose = se3.compose(np.eye(3), np.array([0, 0, 3.0]))
+    inverse_depth = np.full((36, 49), 1 / 6, np.float32)
+    index = np.zeros((36, 49), np.int32)
+    frame, _, magnification = ImageSampler.of([source], camera).sample(inverse_depth, index, pose)
+    np.testing.assert_allclose(magnification, 0.75, rtol=1e-4)
+    pixels, _ = source.project(inverse_depth, pose, camera)
+    both = [each.sample(pixels, index == 0) for each in (source, coarse)]
+    assert np.abs(frame - np.clip(np.mean(both, axis=0), 0, 255)).max() < 1
 
 
 def test_the_memory_of_a_sampled_image_is_bounded() -> None:
