@@ -56,6 +56,12 @@ def test_ground_truth_is_the_recording() -> None:
     assert motion.tracked.all()
 
 
+def test_a_constant_turn_is_continued_at_the_future_times() -> None:
+    whole = drive()
+    futures = ConstantTurn().estimate(context(whole)).futures
+    np.testing.assert_allclose(futures[0], whole.trajectory.world_from_cam[5:], atol=1e-9)
+
+
 def test_chained_keeps_one_of_equal_samples() -> None:
     motion = Chained(RecordedPast(), Hold()).estimate(context(drive()), num_samples=5)
     assert len(motion.futures) == 1
