@@ -73,12 +73,6 @@ def test_stored_arrays_are_read_only_and_given_arrays_stay_writeable() -> None:
     poses[0, 0, 3] = 1.0
 
 
-def test_slices_of_a_trajectory_have_its_unit() -> None:
-    path = replace(trajectory(6), scale_uncertainty=0.5)
-    assert path[2:].scale_uncertainty == 0.5
-    np.testing.assert_array_equal(path[2:].world_from_cam, path.world_from_cam[2:])
-
-
 def test_only_metric_lengths_have_an_uncertainty() -> None:
     for uncertainty in (-0.1, np.nan, np.inf):
         with pytest.raises(BadData, match="scale_uncertainty"):

@@ -5,7 +5,7 @@ import pytest
 
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Intrinsics
-from geovp_learned.tensors import images_from_frames, seen_by
+from geovp_learned.tensors import seen_by
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
@@ -17,15 +17,6 @@ def view(camera: Intrinsics) -> ByteArray:
     return np.stack(
         [127 + 100 * np.sin(5 * x), 127 + 100 * np.cos(4 * y), 127 + 100 * x], axis=-1
     ).astype(np.uint8)
-
-
-def test_channels_come_first_and_white_is_one() -> None:
-    frames = np.zeros((2, 4, 5, 3), dtype=np.uint8)
-    frames[1, 2, 3, 0] = 255
-    images = images_from_frames(frames)
-    assert images.shape == (2, 3, 4, 5)
-    assert float(images[1, 0, 2, 3]) == 1.0
-    assert float(images.sum()) == 1.0
 
 
 @pytest.mark.parametrize("focal_px", [120.0, 50.0])

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from geovp_classic import registry
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -43,7 +42,6 @@ def test_depth_in_metres(pair: Pair) -> None:
 
 def test_what_it_needs(pair: Pair) -> None:
     context, past, _ = pair
-    assert registry.build("depth_sources", "stereo").needs == PrivilegedInput.RIGHT_FRAMES
     with pytest.raises(Incompatible, match="right images"):
         Stereo().inverse_depths(context.only(PrivilegedInput.NONE), past)
     with pytest.raises(Incompatible, match="scale"):

@@ -58,8 +58,6 @@ def test_turning_is_the_largest_change_of_heading(
 def test_facts_need_poses_and_speeds_need_metres() -> None:
     assert set(facts_of(clip(np.zeros(8), is_metric=False))) == {"yaw_deg"}
     assert facts_of(replace(clip(np.zeros(8)), trajectory=None)) == {}
-    context, target = clip(np.zeros(8)).split(PAST, ~PrivilegedInput.NONE)
-    assert clip_facts(replace(context, past=None), target) == {}
 
 
 def test_speed_is_per_second_and_step_per_frame() -> None:

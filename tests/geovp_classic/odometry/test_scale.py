@@ -7,8 +7,7 @@ from geovp_classic import interfaces
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
-from geovp_classic.odometry.unit_scale import UnitSpeed
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 from geovp_classic.types.speed_prior import SpeedPrior
 from tests.geovp_classic.odometry.corridor import CAMERA, STRAIGHT, drive
 
@@ -79,12 +78,7 @@ def test_the_unit_is_followed_when_the_map_drifts() -> None:
     np.testing.assert_allclose(estimator.units, np.repeat(units_m, len(poses) - 1), rtol=0.06)
 
 
-def test_inputs_and_units_of_the_scales() -> None:
-    assert (GroundPlane().needs, GroundPlane().is_metric) == (PrivilegedInput.CAMERA_HEIGHT, True)
-    assert (UnitSpeed().needs, UnitSpeed().is_metric) == (PrivilegedInput.NONE, False)
-    nothing = UnitSpeed().estimator(CAMERA, None)
-    nothing.finalize(length=4.0, duration_s=0.9)
-    assert (nothing.unit, nothing.uncertainty) == (1.0, np.inf)
+def test_the_ground_plane_needs_the_cameras_height() -> None:
     with pytest.raises(Incompatible, match="unit-speed"):
         GroundPlane().estimator(CAMERA, None)
 

@@ -60,3 +60,12 @@ def test_outliers_are_culled() -> None:
     assert not window.triangulated[0]
     assert not window.active[0]
     assert window.triangulated[1:].mean() > 0.9
+
+
+def test_ended_tracks_leave_with_their_points() -> None:
+    window, _ = filled()
+    window.pixels[::2] = np.nan
+    ids = window.track_ids.copy()
+    window.keep_newest_only()
+    window.add_keyframe(path(6)[-1])
+    np.testing.assert_array_equal(window.track_ids, ids[1::2])

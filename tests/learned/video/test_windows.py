@@ -3,7 +3,6 @@
 import numpy as np
 
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned.stored_clips import Window
 from geovp_learned.video.svg import SvgTraining
 
 
@@ -24,12 +23,3 @@ def test_an_example_has_the_frames_of_its_window() -> None:
     images = method.example(last, np.random.default_rng(0))["images"]
     assert images[:, 0, 0, 0].tolist() == [3, 4, 5, 6, 7]
     assert method.validation_example(last)["images"].shape == (5, 3, 64, 64)
-
-
-def test_grey_is_luma_in_all_three_channels() -> None:
-    green = np.zeros((2, 4, 4, 3), np.uint8)
-    green[..., 1] = 200
-    images = SvgTraining(grey_probability=1.0).example(
-        Window({"frames": green}, 0), np.random.default_rng(0)
-    )["images"]
-    assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
