@@ -133,5 +133,7 @@ def test_outputs_have_the_expected_shapes_and_types() -> None:
         Motion(trajectory(2), np.tile(IDENTITY, (3, 1, 1)), np.ones(2, bool))
     with pytest.raises(BadData, match="depths is a float64 array"):
         Views(frames, covered, np.ones((2, 4, 4)))
+    with pytest.raises(BadData, match="expected"):
+        Prediction(frames)
     with pytest.raises(BadData, match="covered"):
         Prediction(frames[None], covered)

@@ -51,7 +51,6 @@ def test_clips_are_read_once_and_mapped(tmp_path: Path) -> None:
     assert isinstance(stored[1]["frames"], np.memmap)
     assert stored[1]["camera"].tolist() == [50.0, 60.0, 31.5, 15.5, 64, 32]
     assert sorted(stored[0]) == ["camera", "frames"]
-    assert "depths" not in stored[0]
 
 
 def test_a_window_takes_its_place_along_and_not_its_frames(tmp_path: Path) -> None:
