@@ -144,8 +144,8 @@ class Observations(ShortRepr):
 
     def __getitem__(self, steps: slice | BoolArray) -> Observations:
         """Return the observations of the steps of a slice or a mask [P]."""
-        kept = {name: getattr(self, name)[steps] for name in ("frames", "greys", "is_usable")}
-        return replace(self, **kept)
+        arrays = {name: getattr(self, name)[steps] for name in ("frames", "greys", "is_usable")}
+        return replace(self, **arrays)
 
 
 @dataclass(frozen=True, repr=False)
