@@ -117,15 +117,16 @@ def test_an_image_of_an_odd_width_is_refused() -> None:
 def test_compressed_images_without_stamps_in_any_order(tmp_path: Path, stamp_ns: int) -> None:
     """Images are recorded in PNG, the last one first, all with one stamp: other times serve."""
     made = Messages(is_ros1=False)
-    messages = []
-    for topic, recorded_ns, message in bag_files.messages_of(made, SHORT):
-        if topic == "/cam/image_raw":
-            frame = message.data.reshape(128, -1)[:, :384].reshape(128, 128, 3)
-            messages.append((topic, recorded_ns, made.compressed(stamp_ns, frame)))
-        messages.append(("/cam/camera_info", recorded_ns, made.info(START_NS, SHORT)))
+
+    def compress(topic: str, message: Any) -> Any:
+        if topic != "/cam/image_raw":
+            return message
+        frame = message.data.reshape(128, -1)[:, :384].reshape(128, 128, 3)
+        return made.compressed(stamp_ns, frame)
+
+    messages = bag_files.messages_of(made, SHORT, compress)
     bag_files.write_messages(tmp_path / "run", made, [*messages[::-1], *messages[:3]])
-    data = RosBag(tmp_path, **CUT, pose_topic="")
-    clip = data[0]
+    clip = RosBag(tmp_path, **CUT, pose_topic="")[0]
     np.testing.assert_array_equal(clip.frames, SHORT.frames[:4])
     np.testing.assert_allclose(np.diff(clip.times_s), 0.1, atol=1e-6)
     assert clip.trajectory is None
@@ -243,19 +244,20 @@ def test_compressed_mosaics_are_demosaicked(form: str) -> None:
 
 
 def test_clips_end_at_a_gap_and_equal_stamps_count_once(tmp_path: Path) -> None:
-    """Twelve images at 10 Hz, the third sent twice; 4 s are lost after the sixth."""
+    """Twelve images at 10 Hz, three recorded twice; 4 s are lost after the sixth."""
     clip = street.clip(12)
     made = Messages(is_ros1=True)
-    messages = []
-    for topic, recorded_ns, message in bag_files.messages_of(made, clip, without("/odometry")):
-        step = round((recorded_ns - 3_000_000 - START_NS) / 1e8)
-        time_ns = recorded_ns - 3_000_000 + 4 * 10**9 * (step >= 6)
-        if topic == "/cam/image_raw":
-            image = made.image(time_ns, clip.frames[step])
-            messages += [(topic, time_ns + k, image) for k in range(1 + (step == 2))]
-        elif topic == "/cam/camera_info":
-            messages.append((topic, time_ns, message))
-    data = RosBag(bag_files.write_messages(tmp_path / "run.bag", made, messages), **CUT)
+
+    def delay(topic: str, message: Any) -> Any:
+        stamp = message.header.stamp
+        is_late = stamp.sec * 10**9 + stamp.nanosec > START_NS + 550_000_000
+        stamp.sec += 4 * is_late
+        return message
+
+    edit = without("/tf", "/tf_static", "/odometry")
+    messages = bag_files.messages_of(made, clip, lambda *each: edit(*each) and delay(*each))
+    path = bag_files.write_messages(tmp_path / "run.bag", made, [*messages, *messages[:6]])
+    data = RosBag(path, **CUT)
     assert data.clip_names == ("run.bag/000000", "run.bag/000006")
     np.testing.assert_array_equal(data[0].frames, clip.frames[:4])
     assert data[1].times_s[0] == pytest.approx(START_NS / 1e9 + 4.6, abs=1e-6)
