@@ -145,12 +145,6 @@ def test_a_change_of_size_is_found_at_the_end(tmp_path: Path) -> None:
     assert "frame 7 of 8 is damaged or has another size" in errors[0].message
 
 
-def test_a_raw_stream_has_no_rate(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.h264", grey_levels(4), format="h264")
-    warnings = [finding for finding in Doctor().examine(path).findings if "rate" in finding.message]
-    assert [warning.severity for warning in warnings] == ["warning"]
-
-
 def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
     (tmp_path / "sequences").mkdir()
     for root, message in ((tmp_path, "holds no sequence"), (tmp_path / "none", "does not exist")):

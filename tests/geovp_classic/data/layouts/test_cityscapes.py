@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import street
@@ -131,10 +130,3 @@ def test_bad_files_are_named(root: Path, file: str, text: str | None, message: s
     else:
         examination = Doctor().examine(root)
         assert str(caught.value) in [str(finding) for finding in examination.findings]
-
-
-def test_images_of_another_shape_are_refused(root: Path) -> None:
-    for path in (root / IMAGE).parent.glob("*.png"):
-        cv2.imwrite(str(path), np.zeros((48, 128, 3), np.uint8))
-    with pytest.raises(BadData, match="about images of 2048x1024, these are 128x48"):
-        Cityscapes(root, **WINDOW)

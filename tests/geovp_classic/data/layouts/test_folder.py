@@ -70,14 +70,9 @@ def test_a_raw_stream_needs_a_rate(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.h264", grey_levels(8, 10, (64, 24)), format="h264")
     with pytest.raises(BadData, match="does not state its rate: give frame_rate_hz"):
         folder(path)
+    examination = Doctor().examine(path)
+    assert "warning" in [each.severity for each in examination.findings if "rate" in str(each)]
     np.testing.assert_allclose(folder(path, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
-
-
-def test_no_clip_holds_both_sides_of_a_pause(images: Path, tmp_path: Path) -> None:
-    """Between frames 6 and 7 lie 2 s, between others 0.1 s."""
-    np.savetxt(tmp_path / "times.txt", np.arange(12) / 10 + 2 * (np.arange(12) > 6))
-    data = folder(images, times=tmp_path / "times.txt")
-    assert data.clip_names == ("drive/000000", "drive/000007")
 
 
 def test_a_tum_trajectory_has_its_own_times(images: Path, tmp_path: Path) -> None:

@@ -43,13 +43,6 @@ def test_training_splits_have_the_hashes_that_model_cards_state(name: str, diges
     assert splits.content_hash(splits.load(name)).startswith(digest)
 
 
-def test_a_mistyped_name_is_answered_with_the_nearest() -> None:
-    with pytest.raises(BadData, match="no split is called 'tset': did you mean 'test'"):
-        splits.load("tset")
-    with pytest.raises(BadData, match=r"known are deepvo-test, .*or give a \.toml file"):
-        splits.load("#####")
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -85,10 +85,3 @@ def test_windows_of_one_drive_share_its_poses() -> None:
 def test_impossible_settings_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(BadData, match="synthetic:"):
         Synthetic(**wrong)
-
-
-def test_indices_follow_sequences() -> None:
-    data = Synthetic(**TINY)
-    with pytest.raises(IndexError):
-        data[1]
-    np.testing.assert_array_equal(data[-1].frames, data[0].frames)
