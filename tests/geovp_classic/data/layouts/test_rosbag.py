@@ -283,14 +283,14 @@ def test_depth_topics_are_no_candidates(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.bag", "run_mcap/run_mcap.mcap", "run/run.db3"])
-@pytest.mark.parametrize("kept", [0.0, 0.02, 0.5, 0.98])
-def test_a_truncated_bag_is_an_error(tmp_path: Path, name: str, kept: float) -> None:
+def test_a_truncated_bag_is_an_error(tmp_path: Path, name: str) -> None:
     bag_files.write(tmp_path, name.partition("/")[0], SHORT)
     path = tmp_path / name
-    path.write_bytes(path.read_bytes()[: round(kept * path.stat().st_size)])
-    with pytest.raises(BadData, match="cannot be read as a bag") as caught:
-        RosBag(path, **CUT)
-    assert "\n" not in str(caught.value)
+    whole = path.read_bytes()
+    for fraction in (0.0, 0.02, 0.5, 0.98):
+        path.write_bytes(whole[: round(fraction * len(whole))])
+        with pytest.raises(BadData, match="cannot be read as a bag"):
+            RosBag(path, **CUT)
     assert Doctor().examine(path).rows[0]["errors"] == "1"
 
 
