@@ -35,8 +35,8 @@ def test_commands_are_those_of_the_page(script: dict[str, Any]) -> None:
 def test_an_interrupted_run_goes_on(
     script: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The third of four commands fails at first; the second run computes it alone."""
-    names, asked, failing = script["main"].__globals__, [], {2}
+    """The second of three commands fails at first; the second run computes it alone."""
+    names, asked, failing = script["main"].__globals__, [], {1}
     names["OUTPUTS"] = tmp_path
     names["missing_folders"] = lambda command: []
 
@@ -50,11 +50,11 @@ def test_an_interrupted_run_goes_on(
 
     names["compute"] = compute
     commands = script["commands"](ROOT / "docs/results/odometry.md")
-    assert len(commands) == 4
+    assert len(commands) == 3
     assert script["main"](["odometry"]) == 1
     assert asked == commands
     assert script["main"](["odometry"]) == 0
-    assert asked[4:] == [commands[2]]
+    assert asked[3:] == [commands[1]]
     assert "expected: 0.2 hours for odometry" in capsys.readouterr().out
 
 
