@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.tables import causes, clips
+from geovp_benchmarks.tables import causes
 from tests.benchmarks.made import write_protocol, write_row
 
 CLIPS = [f"c{number}" for number in range(8)]
@@ -46,9 +46,3 @@ def test_frequent_labels_are_overrepresented_among_the_worst() -> None:
     """Label a has 2 of 2 worst and 1 of 4 others, b 1 and 0, c 1 and 4."""
     labels = {"v": ["a", "c"], "w": ["b", "a"], "x": ["a", "c"], "y": ["c"], "z": ["c"], "u": ["c"]}
     assert causes.frequent(labels, ["v", "w"]) == [("a", 2, 1), ("b", 1, 0)]
-
-
-def test_the_table_of_clips_has_them(results: Results) -> None:
-    heading, worst, *_ = clips.per_clip(results)
-    assert worst[0] == "c0"
-    assert worst[heading.index("labels")] == "weather: sun"

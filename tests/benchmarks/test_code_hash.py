@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,36 +39,24 @@ def go(root: Path, caplog: pytest.LogCaptureFixture, **options: Any) -> tuple[Me
     return method, [step[0] for step in steps if isinstance(step, tuple) and step]  # type: ignore[misc]
 
 
-@pytest.fixture
-def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Pretends that the sources have changed."""
-
-    def changed(code: str) -> None:
-        for module in (plan, task):
-            monkeypatch.setattr(module, "code_of", lambda _: code)
-
-    return changed
-
-
 @pytest.mark.usefixtures("toys")
-class TestRuns:
-    def test_rows_of_other_code_are_kept_and_told_and_fresh_computes_just_those(
-        self, tmp_path: Path, edit: Callable[[str], None], caplog: pytest.LogCaptureFixture
-    ) -> None:
-        edit("before")
-        go(tmp_path, caplog, limit=2)
-        edit("after")
-        method, done = go(tmp_path, caplog)
-        assert (method.status, method.num_clips, method.num_outdated) == ("done", CLIPS, 2)
-        assert done[-1] == CLIPS - 2
-        (note,) = [
-            note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
-        ]
-        assert note == "still: computed by another version of the code, or partly."
-        method, done = go(tmp_path, caplog, is_fresh=True)
-        assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
-        _, done = go(tmp_path, caplog, is_fresh=True)
-        assert done == [0]
+def test_rows_of_other_code_are_kept_and_told_and_fresh_computes_just_those(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    code = ["before"]
+    for module in (plan, task):
+        monkeypatch.setattr(module, "code_of", lambda _: code[0])
+    go(tmp_path, caplog, limit=2)
+    code[0] = "after"
+    method, done = go(tmp_path, caplog)
+    assert (method.status, method.num_clips, method.num_outdated) == ("done", CLIPS, 2)
+    assert done[-1] == CLIPS - 2
+    notes = tables.build(Results(tmp_path))[0].notes
+    assert "still: computed by another version of the code, or partly." in notes
+    method, done = go(tmp_path, caplog, is_fresh=True)
+    assert (method.num_clips, method.num_outdated, done[-1]) == (CLIPS, 0, 2)
+    _, done = go(tmp_path, caplog, is_fresh=True)
+    assert done == [0]
 
 
 class TestCode:

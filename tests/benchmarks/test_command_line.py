@@ -14,7 +14,7 @@ from geovp_classic import registry
 from tests import registered
 
 from .conftest import Command, Says
-from .test_cli import matrix, run
+from .test_cli import run
 
 
 @pytest.mark.usefixtures("toys")
@@ -33,11 +33,6 @@ class TestSettings:
         assert results.protocol()["methods"] == ["steady--slide", "still", "other"]
         method = results.by_name()["steady--slide"]
         assert method.components["pose_source"]["step_m"] == 2.5
-        written = matrix(tmp_path, other="toy-still")
-        text = written.read_text().replace("stride = 1", "stride = 3")
-        written.write_text(text.replace('"toy-steady"', '"toy-steady", step_m=2.5'))
-        printed("run", written, "--out", tmp_path / "as-file", "--no-report")
-        assert Results(tmp_path / "as-file").protocol()["id"] == results.protocol()["id"]
 
     @pytest.mark.parametrize(
         ("setting", "says"),

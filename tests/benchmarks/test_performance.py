@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from performance import Comparison, libraries, live, splat
-from performance.__main__ import main
 
 
 def test_a_live_frame_is_the_sum_of_its_stages() -> None:
@@ -31,10 +30,3 @@ def test_both_renderers_draw_the_same_street() -> None:
     assert both.mean() > 0.7
     assert np.median(np.abs(surface - dots)[both] / surface[both]) < 0.02
     assert (surface > 0).mean() > (dots > 0).mean()  # squares leave no gaps
-
-
-def test_a_section_is_printed_with_its_ratios(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--only", "solvers", "--rounds", "1"])
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "## solvers"
-    assert sum(", pycolmap " in line and ", ratio " in line for line in lines) == 3

@@ -34,11 +34,9 @@ PROTOCOL: dict[str, Any] = {
         {"dataset": {**PROTOCOL["dataset"], "split": "val"}},
         {"split_hash": "cd"},
         {"num_past": 9},
-        {"size_px": [128, 256]},
         {"clips": ["03/000180"]},
         {"metrics": {"psnr": {**PSNR, "definition": "mean over channels"}}},
         {"metrics": {"psnr": {**PSNR, "asked": {"name": "psnr", "channels": "each"}}}},
-        {"metrics": {"psnr": PSNR, "ssim": PSNR}},
     ],
 )
 def test_another_protocol_has_another_id(change: dict[str, Any]) -> None:

@@ -63,10 +63,8 @@ def test_the_doctor_names_methods_that_lack_clips(
     protocol = json.loads((folder / "protocol.json").read_text())
     protocol["clips"].append("seed0-more/000")
     (folder / "protocol.json").write_text(json.dumps(protocol))
-    skipped = json.loads((folder / "copy-last" / "method.json").read_text())
-    (folder / "copy-last" / "method.json").write_text(json.dumps({**skipped, "status": "skipped"}))
     assert cli.main(["doctor", str(folder)]) == 1
     *lines, advice = capsys.readouterr().out.splitlines()
     lacks = "scores of 1 of 5 clips are missing, such as seed0-more/000"
-    assert lines == [f"{name}: {lacks}" for name in protocol["methods"] if name != "copy-last"]
+    assert lines == [f"{name}: {lacks}" for name in protocol["methods"]]
     assert advice.startswith("`geovp run`")

@@ -51,20 +51,8 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
     with pytest.MonkeyPatch.context() as patch:  # what is in figures and LPIPS are tested elsewhere
         patch.delenv("GEOVP_LPIPS_WEIGHTS", raising=False)
         patch.setattr(plots.Page, "write", lambda page, path: write_bytes(path, b""))
-        code = cli.main(
-            [
-                "reproduce",
-                "fvs20",
-                "--root",
-                str(root),
-                "--out",
-                str(out),
-                "--limit",
-                "1",
-                "--keep",
-                "0",
-            ]
-        )
+        words = ["--root", str(root), "--out", str(out), "--limit", "1", "--keep", "0"]
+        code = cli.main(["reproduce", "fvs20", *words])
     return code, Results(out)
 
 

@@ -31,6 +31,13 @@ class TestRows:
         assert values(tmp_path, "a--r", "toy-difference@covered") == [1.0, 2.0] * 5
         assert values(tmp_path, "a--r", "coverage") == [0.5] * 10
         np.testing.assert_allclose(values(tmp_path, "a--r", "toy-gap"), [0.5, 1.0] * 5)
+        # Half of the pixels, and three tracked frames out of four and five; no column of tables.
+        stored = np.reshape(values(tmp_path, "a--r", "confidence"), (5, 2))
+        np.testing.assert_allclose(stored[:, 1] / stored[:, 0], 4 / 5)
+        assert (stored > 0).all()
+        assert (stored[:, 0] <= 0.5 * 3 / 4).all()
+        columns = tables.build(Results(tmp_path))[0].columns
+        assert [column.key for column in columns] == ["toy-difference", "toy-gap"]
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))

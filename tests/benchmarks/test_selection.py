@@ -23,7 +23,7 @@ def test_clips_are_kept_by_number_or_name(keep: str, expected: list[int]) -> Non
     assert select(keep, CLIPS) == {CLIPS[number] for number in expected}
 
 
-@pytest.mark.parametrize("keep", ["some", "03/000001", "03/000005,04/000000", "-1", ""])
+@pytest.mark.parametrize("keep", ["some", "03/000005,04/000000"])
 def test_other_words_are_one_sentence(keep: str) -> None:
     with pytest.raises(BadData, match=r"is not among 03/000000 to 03/000035$"):
         select(keep, CLIPS)

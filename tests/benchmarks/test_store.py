@@ -35,10 +35,6 @@ def clip(**more: Any) -> Clip:
     return Clip(NAME, frames, np.arange(5) * 0.1, CAMERA, **more)
 
 
-def rows(*values: float | None) -> Scores:
-    return scores(("a", 0, step, "psnr", value) for step, value in enumerate(values, 1))
-
-
 def values(results: Results) -> list[float | None]:
     return [row["value"] for row in dicts(results.scores("x"))]
 
@@ -177,10 +173,10 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
-            results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "f"))])
+            results.write_scores([(rows_of("a", 1.0), ScoreRecord("x", ["a"], "f"))])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    results.write_scores([(rows(1.0), ScoreRecord("x", ["a"], "f"))])
+    results.write_scores([(rows_of("a", 1.0), ScoreRecord("x", ["a"], "f"))])
     assert values(results) == [1.0]
 
 

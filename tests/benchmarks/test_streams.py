@@ -56,11 +56,6 @@ def test_a_matrix_is_run_although_nobody_reads(streams: str, folder: Path) -> No
     assert any((folder / "results" / "tables").iterdir())
 
 
-def test_a_report_is_written_although_nobody_reads(folder: Path) -> None:
-    assert geovp("run matrix.toml --out results", ">&- 2>&-", folder) == 0
-    assert (folder / "results" / "report.html").is_file()
-
-
 def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
     assert geovp("run matrix.toml --out results --no-report", ">/dev/full", folder) == 2
 

@@ -35,13 +35,6 @@ def test_the_bar_says_what_is_done(
     assert "2/4" in capsys.readouterr().err
 
 
-def test_redirected_logs_have_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress_bar("letters"):
-        time.sleep(0.6)
-        report(2, 4)
-    assert capsys.readouterr().err == ""
-
-
 def test_redirected_logs_have_a_line_at_intervals(caplog: pytest.LogCaptureFixture) -> None:
     with progress_bar("letters", log_interval_s=0.2):
         report(1, 4)

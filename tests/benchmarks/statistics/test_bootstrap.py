@@ -76,16 +76,13 @@ def test_a_clips_sequence_is_its_name_without_the_number() -> None:
     assert sequences_of(names).tolist() == [1, 2, 0, 1]
 
 
-class TestBounds:
+def test_a_fraction_stays_a_fraction() -> None:
     """Four clips alone give wide intervals; none reaches what the metric cannot be."""
-
-    @pytest.mark.parametrize("values", [(0.99, 0.97, 0.4, 0.5), (0.01, 0.0, 0.02, 0.9)])
-    def test_a_share_stays_a_share(self, values: tuple[float, ...]) -> None:
-        free = BlockBootstrap().interval(np.array(values), clips(4))
-        held = BlockBootstrap().interval(np.array(values), clips(4), (0.0, 1.0))
-        assert free.low < 0 or free.high > 1
-        assert (held.low, held.high) == (max(free.low, 0.0), min(free.high, 1.0))
-        assert (held.mean, held.effective_clips) == (free.mean, free.effective_clips)
+    values = np.array([0.99, 0.97, 0.4, 0.5])
+    free = BlockBootstrap().interval(values, clips(4))
+    held = BlockBootstrap().interval(values, clips(4), (0.0, 1.0))
+    assert free.high > 1
+    assert (held.low, held.high) == (free.low, 1.0)
 
 
 class TestAutocorrelationTime:

@@ -9,9 +9,8 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed: fits need the extra 'learned'")
 
 from geovp_classic.data.formats import pose_files
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting import kalman as shipped
-from geovp_classic.forecasting import motion_network, motion_prior
+from geovp_classic.forecasting import motion_prior
 from geovp_classic.forecasting.body_motion import BodyMotion
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -52,26 +51,6 @@ def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
     assert not usable[201:205].any()
     assert usable[:195].all()
     assert usable[211:].all()
-
-
-def test_undrivable_poses_are_rejected() -> None:
-    rates = twists(200)
-    rates[::8, 2] += 3
-    with pytest.raises(BadData, match="that a car can have driven"):
-        windows.cut(drive(rates))
-
-
-def test_training_windows_of_a_circle_are_its_states() -> None:
-    times_s = np.arange(60) * STEP_S
-    twist = np.array([0, 0, 10.0, 0, 0.1, 0])
-    circle = Trajectory(se3.exp(times_s[:, None] * twist), times_s, True)
-    past, states = (np.array_split(values, 2) for values in windows.cut(circle, stride=7))
-    np.testing.assert_allclose(past[0], np.tile(twist, (len(past[0]), 9, 1)), atol=1e-6)
-    angle = 0.1 * STEP_S * 21
-    expected = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle, 0, 0, 0]
-    np.testing.assert_allclose(states[0][:, -1], np.tile(expected, (len(past[0]), 1)), atol=1e-6)
-    np.testing.assert_allclose(past[1], past[0] * motion_network.MIRRORED_TWIST)
-    np.testing.assert_allclose(states[1][:, -1, 0], -expected[0], atol=1e-6)
 
 
 def test_a_prior_survives_a_file(tmp_path: Path) -> None:

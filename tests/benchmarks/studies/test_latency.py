@@ -40,8 +40,3 @@ def test_recorded_commands_lead_to_the_recorded_pose(clip: Clip) -> None:
     end = commanded_poses(commands, poses[20], level, clip.times_s[20], end_s)
     expected, actual = (planar.reduce(pose[None], poses[20], level) for pose in (poses[30], end[0]))
     np.testing.assert_allclose(actual, expected, atol=0.05)
-
-
-def test_the_late_image_is_shifted_against_the_turn(clip: Clip) -> None:
-    frame = clip.frames[0]
-    np.testing.assert_array_equal(latency.shifted(frame, 3.0)[:, :-3], frame[:, 3:])

@@ -114,10 +114,6 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
     assert not [name for name in rows if "turning" in name]  # 2 s of 0.1 rad/s are 11.5 degrees
 
 
-def test_a_missing_sequence_is_refused(folder: Path, refused: Says) -> None:
-    assert "holds no 09.txt: name" in refused("forecast", folder, "--sequences", "09")
-
-
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None or not (Path(root) / "kitti_full_poses").is_dir():
