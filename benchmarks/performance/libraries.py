@@ -91,7 +91,7 @@ def resection(scene: Scene) -> Comparison:
         lambda: Resection().refine(scene.points, scene.with_outliers, guess, scene.noise),
         "pycolmap",
         rival,
-        lambda pose: distance(pose, truth),
+        lambda pose: float(np.linalg.norm((se3.inverse(pose) - se3.inverse(truth))[:3, 3])),
         "m",
     )
 
@@ -135,8 +135,3 @@ def matrix_of(pose: pycolmap.Rigid3d) -> FloatArray:
     """Return a transform [4, 4] in pycolmap's form as a matrix."""
     matrix = np.asarray(pose.matrix())
     return se3.compose(matrix[:, :3], matrix[:, 3])
-
-
-def distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
-    """Return the distance between the cameras of two poses."""
-    return float(np.linalg.norm(se3.inverse(cam_from_world)[:3, 3] - se3.inverse(truth)[:3, 3]))

@@ -71,15 +71,15 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     run_matrix(plan, executor, limit=TimeLimit(args.limit_s))
     if args.shard is None:
         return (yield from conclude(results, has_report=not args.no_report))
-    clips = set(plan.own_clips)
-    lines = [
-        f"{method.label}: {len(clips & method.scored.keys())} of {len(clips)} clips of the shard, "
-        f"{len(clips & method.scored.failures.keys())} failed"
-        for method in results.methods()
-    ]
-    yield from lines
-    failed = [method for method in results.methods() if clips & method.scored.failures.keys()]
-    return int(bool(failed))
+    clips, code = set(plan.own_clips), 0
+    for method in results.methods():
+        scored, failed = clips & method.scored.keys(), clips & method.scored.failures.keys()
+        yield (
+            f"{method.label}: {len(scored)} of {len(clips)} clips of the shard, "
+            f"{len(failed)} failed"
+        )
+        code |= bool(failed)
+    return code
 
 
 def folder(args: argparse.Namespace) -> Path:

@@ -82,16 +82,13 @@ def _flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def _built(kind: Any, arrays: Mapping[str, Any]) -> Any:
     """Return a dataclass from the arrays of its fields and of nested ones."""
-    values = {}
-    for name in {path.partition(".")[0] for path in arrays}:
-        if name in arrays:
-            values[name] = arrays[name] if arrays[name].ndim else arrays[name].item()
+    values: dict[str, Any] = {}
+    inner: dict[str, dict[str, Any]] = {}
+    for path, array in arrays.items():
+        name, _, rest = path.partition(".")
+        if rest:
+            inner.setdefault(name, {})[rest] = array
         else:
-            start = f"{name}."
-            inner = {
-                path.removeprefix(start): array
-                for path, array in arrays.items()
-                if path.startswith(start)
-            }
-            values[name] = _built(NESTED[name], inner)
+            values[name] = array if array.ndim else array.item()
+    values |= {name: _built(NESTED[name], nested) for name, nested in inner.items()}
     return kind(**values)

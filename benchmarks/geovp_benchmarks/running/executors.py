@@ -224,7 +224,8 @@ class Dask:
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             raise self._unanswered("scheduler") from error
         with client:
-            client.register_plugin(worker_plugin(os.getcwd()))
+            # also of workers that join later
+            client.register_worker_callbacks(functools.partial(prepare_worker, os.getcwd()))
             try:
                 client.submit(os.getpid, pure=False).result(timeout=self.worker_timeout_s)
             except OSError as error:
@@ -272,22 +273,11 @@ class DaskPool:
         return max(8, 2 * sum(self._client.nthreads().values()))
 
 
-def worker_plugin(folder: str) -> Any:
-    """Return a plugin that prepares each worker of a Dask cluster, also those that join later."""
-    from dask.distributed import WorkerPlugin
-
-    class Prepare(WorkerPlugin):
-        """Relative paths, threads and GPU as in the processes of one machine."""
-
-        name = "geovp"
-
-        def setup(self, worker: Any) -> None:
-            """Prepare a worker before its first task."""
-            with suppress(OSError):  # a folder of the driver alone
-                os.chdir(folder)
-            limit_libraries(worker.state.nthreads)
-
-    return Prepare()
+def prepare_worker(folder: str, dask_worker: Any) -> None:
+    """Prepare a worker of a cluster: relative paths, threads and GPU as on one machine."""
+    with suppress(OSError):  # a folder of the driver alone
+        os.chdir(folder)
+    limit_libraries(dask_worker.state.nthreads)
 
 
 def completed(

@@ -93,9 +93,8 @@ def against(
         tested = [method for method in methods if key in method.scores]
         is_significant = holm([method.scores[key] for method in tested])
         starred.update((method.label, key) for method in itertools.compress(tested, is_significant))
-    few = sorted({score.effective_clips for m in methods for score in m.scores.values()})[:1]
     notes = ["*: p < .05 after Holm's procedure over the methods."] * bool(starred)
-    if few and few[0] < 8:
+    if any(score.has_few_clips for method in methods for score in method.scores.values()):
         notes.append("Differences on fewer than eight effective clips are not tested.")
     if exact:
         names = ", ".join(map(stored_facts.title, exact))

@@ -127,30 +127,28 @@ def _swap(frames: ByteArray, severity: int) -> None:
         frames[[step, step + 1]] = frames[[step + 1, step]]
 
 
-def _camera(
-    change: Callable[[Intrinsics, Intrinsics, int], Intrinsics],
-) -> Callable[[Context, int], Context]:
-    """Return the change of the intrinsics of the crop and of the full frame."""
-
-    def changed(context: Context, severity: int) -> Context:
-        crop = context.intrinsics
-        full = context.full
-        if full is not None:
-            full = replace(full, intrinsics=change(full.intrinsics, crop, severity))
-        return replace(context, intrinsics=change(crop, crop, severity), full=full)
-
-    return changed
+def _with_cameras(context: Context, change: Callable[[Intrinsics], Intrinsics]) -> Context:
+    """Return the context with other intrinsics of the crop and of the full frame."""
+    full = context.full
+    if full is not None:
+        full = replace(full, intrinsics=change(full.intrinsics))
+    return replace(context, intrinsics=change(context.intrinsics), full=full)
 
 
-def _focal(camera: Intrinsics, crop: Intrinsics, severity: int) -> Intrinsics:
+def _wrong_focal_length(context: Context, severity: int) -> Context:
     factor = (1.05, 1.1, 1.2, 1.4)[severity]
-    return replace(camera, fx_px=camera.fx_px * factor, fy_px=camera.fy_px * factor)
+    return _with_cameras(
+        context,
+        lambda camera: replace(camera, fx_px=camera.fx_px * factor, fy_px=camera.fy_px * factor),
+    )
 
 
-def _centre(camera: Intrinsics, crop: Intrinsics, severity: int) -> Intrinsics:
-    # the same angle for the crop and the full frame
+def _wrong_centre(context: Context, severity: int) -> Context:
+    crop = context.intrinsics
     tangent = (0.05, 0.1, 0.2, 0.4)[severity] * crop.cx_px / crop.fx_px
-    return replace(camera, cx_px=camera.cx_px + tangent * camera.fx_px)
+    return _with_cameras(
+        context, lambda camera: replace(camera, cx_px=camera.cx_px + tangent * camera.fx_px)
+    )
 
 
 def _jittered_times(context: Context, severity: int) -> Context:
@@ -175,8 +173,8 @@ CORRUPTIONS = {
     "tilt": Corruption(_tilt, crop_from_full=True),
     "hood": Corruption(_hood),
     "lorry ahead": Corruption(_lorry),
-    "wrong focal length": Corruption(context=_camera(_focal)),
-    "wrong principal point": Corruption(context=_camera(_centre)),
+    "wrong focal length": Corruption(context=_wrong_focal_length),
+    "wrong principal point": Corruption(context=_wrong_centre),
     "jittered times": Corruption(context=_jittered_times),
     "stationary": Corruption(is_stationary=True, severities=1),
     "stationary with noise": Corruption(_noise, is_stationary=True),
