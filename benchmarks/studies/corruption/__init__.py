@@ -1,4 +1,4 @@
-"""Gain over copy-last on clips with 19 corruptions of four severities.
+"""Gain over copy-last on clips with 16 corruptions of four severities.
 
 The study follows Hendrycks & Dietterich 2019: a row per corruption and severity, a column per pose
 source and renderer. Values are the mean PSNR over steps and clips, minus that of copying the

@@ -33,10 +33,6 @@ def _dim(frames: ByteArray, severity: int) -> None:
     _scale(frames, (0.5, 0.25, 0.1, 0.05)[severity])
 
 
-def _darker_last(frames: ByteArray, severity: int) -> None:
-    _scale(frames[9:], (0.7, 0.5, 0.25, 0.1)[severity])
-
-
 def _flicker(frames: ByteArray, severity: int) -> None:
     _scale(frames[1:10:2], 1 - (0.1, 0.2, 0.4, 0.6)[severity])
 
@@ -48,24 +44,9 @@ def _noise(frames: ByteArray, severity: int) -> None:
         frame[:] = np.clip(frame + noise, 0, 255)
 
 
-def _blur(frames: ByteArray, severity: int) -> None:
-    length = max(2, round((5, 10, 20, 40)[severity] * frames.shape[1] / 256))
-    frames[7] = cv2.blur(frames[7], (length, 1))
-
-
 def _hood(frames: ByteArray, severity: int) -> None:
     top = round(frames.shape[1] * (1 - (0.05, 0.1, 0.2, 0.3)[severity]))
     frames[:, top:] = 40  # brighter than a bar
-
-
-def _rain(frames: ByteArray, severity: int) -> None:
-    height, width = frames.shape[1:3]
-    for step, frame in enumerate(frames):
-        rng = np.random.default_rng([step, severity])
-        for _ in range((40, 100, 250, 600)[severity] * width // height):
-            u, v = int(rng.integers(width)), int(rng.integers(height))
-            end = u + height // 80, v + height // 16
-            cv2.line(frame, (u, v), end, (200, 200, 200), 1, cv2.LINE_AA)
 
 
 def _tilt(frames: ByteArray, severity: int) -> None:
@@ -164,11 +145,8 @@ CORRUPTIONS = {
     "repeated frames": Corruption(_repeat),
     "swapped frames": Corruption(_swap),
     "another scene before": Corruption(_mirrored_start),
-    "one blurred frame": Corruption(_blur),
     "noise": Corruption(_noise),
-    "rain": Corruption(_rain),
     "dim": Corruption(_dim),
-    "darker from the last frame on": Corruption(_darker_last),
     "flicker": Corruption(_flicker),
     "tilt": Corruption(_tilt, crop_from_full=True),
     "hood": Corruption(_hood),
