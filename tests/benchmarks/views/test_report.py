@@ -151,6 +151,14 @@ class TestFilms:
         assert image.shape == (8, 11 * 8, 3)
         np.testing.assert_allclose(image[4, 4::8, 0], 20 * np.arange(11), atol=3)
 
+    def test_films_of_many_details_have_less_quality(self) -> None:
+        noise = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), dtype=np.uint8)
+        large, small = (
+            len(films.encode("a", [], noise, None, films.Format(1, 64, max_bytes)).image)
+            for max_bytes in (10**6, 1)
+        )
+        assert large > 1.1 * small
+
 
 class TestClips:
     def test_all_are_listed_worst_first_and_kept_ones_have_films(self, folder: Path) -> None:
