@@ -9,6 +9,7 @@ from geovp_learned.deepvo.network import (
     Architecture,
     coordinates,
     motions,
+    squared_errors,
 )
 from geovp_learned.deepvo.train import DeepVoTraining
 
@@ -37,6 +38,11 @@ def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
         matrices.numpy() @ se3.inverse(matrices.numpy()), np.tile(np.eye(4), (50, 1, 1)), atol=1e-12
     )
     np.testing.assert_allclose(coordinates(matrices, "3d"), steps, atol=1e-9)
+
+
+def test_rotation_errors_are_the_short_way_round() -> None:
+    _, rotation = squared_errors(flat((0, 0, np.pi - 0.1)), flat((0, 0, -np.pi + 0.1)), "2d")
+    assert float(rotation) == pytest.approx(0.04)
 
 
 def steps_2d(*rows: tuple[float, float, float]) -> torch.Tensor:

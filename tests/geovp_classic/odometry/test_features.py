@@ -74,6 +74,11 @@ def test_corners_are_spread_over_free_cells() -> None:
     assert not cells & {tuple(cell) for cell in np.floor(others / 20).astype(int)}
 
 
+def test_low_contrast_keeps_its_corners() -> None:
+    faint = np.clip(speckle() * 0.06 + 120, 0, 255).astype(np.uint8)
+    assert len(corners(faint)) > 100
+
+
 def test_corners_come_in_order_of_strength() -> None:
     grey = speckle()
     detected = TRACKER.detect(grey)

@@ -74,3 +74,12 @@ def test_gradients_are_those_of_finite_differences_and_go_through_the_camera() -
         return Splatter(1.5, 4, 1e-3)(positions, depths.detach(), in_front, coloured, SIZE_PX)
 
     assert torch.autograd.gradcheck(images, (depths, features), eps=1e-7, atol=1e-3, rtol=1e-3)
+
+
+def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
+    motion = torch.eye(4, dtype=torch.float64)[None].clone()
+    motion[0, 2, 3] = -4.0
+    ray = torch.tensor([[[0.0, 0.0, 1.0]] * 3], dtype=torch.float64)
+    depths = 1 / torch.tensor([[3.0, 4.0 + 0.9 * NEAR_M, 4.0 + 1.1 * NEAR_M]])
+    _, _, in_front = splatting.project(ray, depths, motion, CAMERA, NEAR_M)
+    assert in_front[0].tolist() == [False, False, True]
