@@ -51,6 +51,8 @@ def test_clips_are_read_once_and_mapped(tmp_path: Path) -> None:
     assert isinstance(stored[1]["frames"], np.memmap)
     assert stored[1]["camera"].tolist() == [50.0, 60.0, 31.5, 15.5, 64, 32]
     assert sorted(stored[0]) == ["camera", "frames"]
+    both = stored_clips.store([dataset, dataset], prepare, tmp_path / "both")
+    assert len({clip.folder for clip in both}) == 6
 
 
 def test_a_window_takes_its_place_along_and_not_its_frames(tmp_path: Path) -> None:
