@@ -13,6 +13,7 @@ from scipy.interpolate import interp1d
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import pinhole, planar, se3
+from geovp_classic.interfaces import Forecaster
 from geovp_classic.observation import Observed, observations_of
 from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.pose_sources.chained import Chained
@@ -130,6 +131,7 @@ class LivePredictor:
         self._odometry: MonocularRun | None = None
         self._tested: list[_Present] = []  # since the one whose prediction is tested next
         self._tests: list[dict[ShownBy, float]] = []  # errors of tested predictions
+        self._forecaster: Forecaster | None = None  # chosen at the last test
 
     def push(self, frame: ByteArray, time_s: float) -> PushReport:
         """Add a frame [H, W, 3] uint8 of the camera, taken at a time.
@@ -189,6 +191,7 @@ class LivePredictor:
             return
         earlier = self._tested[0]
         self._tested = []
+        self._forecaster = None  # is chosen again, too
         size_px = settings.hindcast.frame_size(self.intrinsics)
         times_s = np.array([added.time_s])
         camera = self.intrinsics.resized(*size_px)
@@ -368,9 +371,12 @@ class LivePredictor:
         times_s = past.times_s[-1] + ahead_s
 
         # The central future is shown; the spread of the others is the uncertainty of the path
-        forecaster = settings.forecaster
-        if isinstance(forecaster, Selected):
-            forecaster = forecaster.select(past)
+        forecaster = self._forecaster
+        if forecaster is None or len(past) < settings.num_frames:
+            forecaster = settings.forecaster
+            if isinstance(forecaster, Selected):
+                forecaster = forecaster.select(past)
+            self._forecaster = forecaster
         futures = forecaster.forecast(past, times_s[1:])[:1]
         if past.is_metric and len(past) >= settings.min_frames:
             samples = forecaster.forecast(past, times_s[1:], settings.num_path_samples)

@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import Hold
+from geovp_classic.forecasting.selected import Selected
 from geovp_classic.streaming import Command, LivePredictor, LiveSettings, LiveView
 from geovp_classic.types import ByteArray, Clip, FloatArray, Trajectory
 
@@ -175,6 +177,16 @@ def shift_px(view: LiveView, reference: LiveView) -> float:
     shifts = np.arange(-20, 21)
     errors = [np.abs(np.roll(other, shift)[20:-20] - grey[20:-20]).mean() for shift in shifts]
     return float(shifts[np.argmin(errors)])
+
+
+def test_a_forecaster_is_chosen_with_each_tested_prediction(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In each of nine frames until ten are remembered, and then in one of five."""
+    select = Mock(side_effect=Selected.select)
+    monkeypatch.setattr(Selected, "select", lambda *given: select(*given))
+    streamed(clip, num_frames=20)
+    assert select.call_count == 9 + 2
 
 
 def test_commands_replace_the_forecast(live: LivePredictor, clip: Clip) -> None:
