@@ -159,15 +159,19 @@ class TurnRateKalman(KalmanForecaster):
 
     constants: Constants = "turn-rate"
 
+    @property
+    def model(self) -> VehicleModel:
+        """Return the vehicle with the fitted constants."""
+        return fitted(self.constants)
+
     def filtered(
         self,
         measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
         times_s: FloatArray,  # [P]
     ) -> list[tuple[float, ExtendedFilter]]:
         """Return the filter at the last measurement, with weight 1."""
-        model = fitted(self.constants)
-        belief = self.initial_belief(measured, times_s, model, model.num_states)
-        vehicle = ExtendedFilter(model, belief)
+        belief = self.initial_belief(measured, times_s, self.model, self.model.num_states)
+        vehicle = ExtendedFilter(self.model, belief)
         for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
             vehicle.predict(dt_s)
             vehicle.update(state)
