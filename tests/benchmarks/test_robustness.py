@@ -194,3 +194,14 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
         assert f"{path} was damaged: it is set aside" in caplog.text
         assert path.with_name(f"{path.name}.damaged").exists()
     assert rows(out, "copy-last") == before
+
+
+def test_scratch_files_of_killed_runs_are_removed(street: Path, printed: Says) -> None:
+    out = street.parent / "out"
+    left = [out / "copy-last/scores/.a.1.part", out / "clips/.b.1.part"]
+    for path in left:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"half")
+        os.utime(path, (0, 0))  # of long ago
+    printed(*run(street))
+    assert not any(path.exists() for path in left)

@@ -204,3 +204,24 @@ def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> 
     write_protocol(results, "x", "b")
     assert results.clip_facts() == {"b": {"yaw_deg": 1.0}}
     assert results.by_name()["x"].scored.shown_by == {"b": "way b"}
+
+
+def test_damaged_kept_files_are_noticed(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.clips().write(NAME, clip())
+    results.predictions(results.by_name()["x"]).write("good", Prediction(clip().frames[None]))
+    results.predictions(results.by_name()["x"]).write("bad", Prediction(clip().frames[None]))
+    (results.root / "x/predictions/.scratch.npz").write_bytes(b"")
+    bad = tmp_path / "x/predictions/bad.f.npz"
+    (kept,) = (tmp_path / "clips").iterdir()
+    for path in (bad, kept):
+        path.write_bytes(path.read_bytes()[:-30])
+    assert results.damaged_files() == [kept, bad]
+
+
+def test_a_pickle_is_not_read(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    (tmp_path / "clips").mkdir()
+    np.savez(tmp_path / "clips" / "evil..npz", frames=np.array([object()]))
+    with pytest.raises(BadData, match="evil"):
+        results.clips().read("evil")

@@ -12,6 +12,7 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
+from geovp_learned.checkpoints import shipped
 from geovp_learned.video.prediction import VideoPredictor, noise_of
 from geovp_learned.video.training import VideoTraining
 
@@ -99,3 +100,12 @@ def test_descriptions_tell_which_weights_and_others_are_refused(
 def test_the_papers_name_alone_asks_for_weights(name: str) -> None:
     with pytest.raises(BadData, match=f"{name} stands for .*: give weights = PATH"):
         registry.build("predictors", name)
+
+
+def test_the_shipped_weights_predict_and_their_samples_differ(name: str) -> None:
+    assert shipped(f"{name}-tiny").stat().st_size < 8e6
+    own = registry.build("predictors", f"{name}-tiny")
+    frames = own.predict(context(), num_samples=2).frames.astype(int)
+    assert np.abs(frames[0] - frames[1]).max() >= 1
+    change = np.abs(frames[0, 0] - context().frames[-1]).mean()
+    assert change < 40  # grey levels: the next frame resembles the last one
