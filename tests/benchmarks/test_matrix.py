@@ -129,3 +129,22 @@ def test_relative_paths_are_those_of_the_matrix_file(
     _, content = files.read(Path("../file/m.toml"))
     path = content["protocol"]["dataset"][key]
     assert path == given if expected is None else Path(path).samefile(tmp_path / expected)
+
+
+def test_a_relative_root_is_that_of_the_matrix_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From elsewhere, and where only the working directory has it, it becomes absolute, too."""
+    (tmp_path / "file" / "data").mkdir(parents=True)
+    (tmp_path / "here" / "other").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "here")
+    for root, expected in (
+        ("data", tmp_path / "file" / "data"),
+        ("other", tmp_path / "here" / "other"),
+        ("$DATA/x", "$DATA/x"),
+        ("missing", "missing"),
+    ):
+        text = f'[protocol]\ndataset = {{ name = "kitti", root = "{root}" }}\n'
+        (tmp_path / "file" / "m.toml").write_text(text)
+        _, content = files.read(tmp_path / "file" / "m.toml")
+        assert content["protocol"]["dataset"]["root"] == str(expected)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import av
+import bag_files
 import cv2
 import numpy as np
 import pytest
@@ -293,3 +294,33 @@ def test_a_mistake_gets_one_sentence(
 ) -> None:
     write_images(tmp_path / "images", CLIP.frames[:3])
     assert message in refused("display", tmp_path / "images", *words.split())
+
+
+def test_settings_and_sequences_of_the_input_are_used(tmp_path: Path) -> None:
+    """16-bit images of a bag with two topics, and a folder of folders called with a space."""
+    made = bag_files.Messages(is_ros1=False)
+    messages = bag_files.messages_of(made, CLIP)
+    for topic, recorded_ns, _ in messages[:]:
+        if topic == "/cam/image_raw":
+            time_ns = recorded_ns - 3_000_000
+            deep = np.full((*CLIP.frames.shape[1:3], 1), 16 * 50, np.uint16)
+            messages.append(("/deep/image_raw", recorded_ns, made.image(time_ns, deep, "mono16")))
+            messages.append(("/deep/camera_info", recorded_ns, made.info(time_ns, CLIP)))
+    bag = bag_files.write_messages(tmp_path / "two", made, messages)
+    with pytest.raises(BadData, match="give image_topic, one of /cam/image_raw, /deep/image_raw"):
+        Source.open(PredictionRequest(bag))
+    with pytest.raises(BadData, match="set image_bits"):
+        Source.open(PredictionRequest(bag, image_topic="/deep/image_raw"))
+    source = Source.open(PredictionRequest(bag, image_topic="/deep/image_raw", image_bits=12))
+    assert (source.read(2) == 50).all()
+    for name, step in (("a [x]", 0), ("b c", 4)):
+        write_images(tmp_path / "multi" / name, CLIP.frames[step : step + 4])
+    request = PredictionRequest(tmp_path / "multi", frame_rate_hz=10, fov_deg=70)
+    for sequence, first, count in ((None, 0, 4), ("b c", 4, 4), ("a [x][1:3)", 1, 2)):
+        source = Source.open(request, sequence)
+        assert len(source.times_s) == count
+        assert (source.read(0) == CLIP.frames[first]).all()
+    with pytest.raises(BadData, match=r"has no 'd': give a --sequence of \['a \[x\]', 'b c'\]"):
+        Source.open(request, "d")
+    with pytest.raises(BadData, match=r"several folders of images: give one of a \[x\], b c"):
+        read_recording(request)
