@@ -370,13 +370,15 @@ class LivePredictor:
         ahead_s = np.arange(0, end_s + settings.path_step_s, settings.path_step_s)
         times_s = past.times_s[-1] + ahead_s
 
-        # The central future is shown; the spread of the others is the uncertainty of the path
+        # The forecaster is chosen in each frame until the memory is full, then after each test
         forecaster = self._forecaster
         if forecaster is None or len(past) < settings.num_frames:
             forecaster = settings.forecaster
             if isinstance(forecaster, Selected):
                 forecaster = forecaster.select(past)
             self._forecaster = forecaster
+
+        # The central future is shown; the spread of the others is the uncertainty of the path
         futures = forecaster.forecast(past, times_s[1:])[:1]
         if past.is_metric and len(past) >= settings.min_frames:
             samples = forecaster.forecast(past, times_s[1:], settings.num_path_samples)
