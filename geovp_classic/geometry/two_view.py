@@ -116,9 +116,9 @@ class TwoViewEstimator:
             return None
         # Where points have about one depth, a translation and a rotation may cancel each other: all
         # points are then far from the motion's own rotation, and still show no parallax
-        b_rotated_from_a = np.eye(4)
-        b_rotated_from_a[:3, :3] = best_rotation(rays_a[inliers], rays_b[inliers], noise)
-        shift = parallax(b_rotated_from_a, rays_a[inliers], rays_b[inliers])
+        rotation = best_rotation(rays_a[inliers], rays_b[inliers], noise)
+        b_from_a_rotated = se3.compose(rotation, np.zeros(3))
+        shift = parallax(b_from_a_rotated, rays_a[inliers], rays_b[inliers])
         return TwoView(b_from_a, inliers, float(np.median(shift)))
 
 
