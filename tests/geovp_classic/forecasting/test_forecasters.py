@@ -70,7 +70,13 @@ def test_futures_are_finite_and_rigid(
 ) -> None:
     past = drive(np.cumsum(gaps_s), speed, turn, unit)
     times_s = past.times_s[-1] + np.cumsum(ahead_s)
-    for sample in forecaster.forecast(past, times_s, num_samples):
+    futures = forecaster.forecast(past, times_s, num_samples)
+    assert np.isfinite(futures).all()
+    rotations = futures[..., :3, :3]
+    squares = rotations @ np.swapaxes(rotations, -1, -2)
+    np.testing.assert_allclose(squares, np.broadcast_to(np.eye(3), squares.shape), atol=1e-6)
+    assert (np.linalg.det(rotations) > 0).all()
+    for sample in futures:
         Trajectory(sample, times_s, past.is_metric)  # rejects what is not finite and rigid
 
 
