@@ -32,7 +32,7 @@ from geovp_classic.data.formats import calibration_files, pose_files
 from geovp_classic.data.frames import image_frames, video_frames
 from geovp_classic.data.layouts import detection, euroc, kitti_raw
 from geovp_classic.data.layouts.videos import Videos
-from geovp_classic.data.recordings import sequences, splits
+from geovp_classic.data.recordings import scans, splits
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import write_protocol
@@ -281,7 +281,7 @@ READERS: dict[str, Reader] = {
     "vins yaml": Reader(text("c.yaml", VINS_YAML), read_calibration),
     "orb-slam yaml": Reader(text("c.yaml", ORB_SLAM_YAML), read_calibration),
     "sensor.yaml": Reader(text("sensor.yaml", SENSOR_YAML), euroc.read_sensor),
-    "rgb.txt": Reader(rgb_list, lambda path: sequences.read_list(path, path.parent, RAISE)),
+    "rgb.txt": Reader(rgb_list, lambda path: scans.read_list(path, path.parent, RAISE)),
     "split": Reader(
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),

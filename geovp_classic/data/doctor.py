@@ -16,7 +16,8 @@ from geovp_classic.data.frames.image_frames import Size, image_size, read_image
 from geovp_classic.data.frames.undistortion import common_pinhole
 from geovp_classic.data.layouts import detection
 from geovp_classic.data.recordings import splits
-from geovp_classic.data.recordings.sequences import Scan, SequenceDataset
+from geovp_classic.data.recordings.scans import Scan
+from geovp_classic.data.recordings.sequences import SequenceDataset
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.data.formats import pose_files, sequence_paths
-from geovp_classic.data.recordings.sequences import nearest
+from geovp_classic.data.recordings.scans import nearest
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale

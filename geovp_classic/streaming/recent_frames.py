@@ -1,6 +1,6 @@
 """The last usable frames of a stream."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,16 +21,23 @@ class Frame:
     time_s: float
 
 
-@dataclass
 class RecentFrames:
     """The last usable frames of a camera, which are observed together."""
 
-    predictor: GeometricPredictor
-    camera: Intrinsics
-    height_m: float | None
-    num_frames: int  # that are remembered
-    frames: list[Frame] = field(default_factory=list)
-    observed: Observed = field(init=False)  # the frames
+    observed: Observed  # the frames
+
+    def __init__(
+        self,
+        predictor: GeometricPredictor,
+        camera: Intrinsics,
+        height_m: float | None,
+        num_frames: int,  # that are remembered
+    ) -> None:
+        self.frames: list[Frame] = []
+        self._predictor = predictor
+        self._camera = camera
+        self._height_m = height_m
+        self._num_frames = num_frames
 
     @property
     def observations(self) -> Observations:
@@ -39,11 +46,11 @@ class RecentFrames:
 
     def add(self, frame: Frame) -> Status:
         """Remember a frame if it shows something new; after a cut, forget those before."""
-        self._observe([*self.frames, frame][-self.num_frames :])
+        self._observe([*self.frames, frame][-self._num_frames :])
         is_usable = self.observations.is_usable
         if not is_usable[-1]:
             self.frames = self.frames[:-1]
-            contrast = self.predictor.observer.screening.min_contrast
+            contrast = self._predictor.observer.screening.min_contrast
             return "blank" if pinhole.grey8(frame.image).std() <= contrast else "duplicate"
         if is_usable.all():
             return "used"
@@ -61,8 +68,8 @@ class RecentFrames:
         context = Context(
             frames=np.stack([frame.image for frame in frames]),
             times_s=np.array([*times_s, times_s[-1] + 1]),  # of one future frame, at any time
-            intrinsics=self.camera,
-            camera_height_m=self.height_m,
+            intrinsics=self._camera,
+            camera_height_m=self._height_m,
         )
-        self.observed = self.predictor.observe(context)
+        self.observed = self._predictor.observe(context)
         self.frames = frames

@@ -15,7 +15,8 @@ from geovp_classic import files
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames.image_frames import images_below, natural_order
 from geovp_classic.data.frames.undistortion import DistortedCamera
-from geovp_classic.data.recordings.sequences import PosedSequences, Scan
+from geovp_classic.data.recordings.scans import Scan
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray

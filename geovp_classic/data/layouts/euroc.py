@@ -14,12 +14,8 @@ from geovp_classic import files
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import calibration_files, pose_files
 from geovp_classic.data.frames.undistortion import DistortedCamera
-from geovp_classic.data.recordings.sequences import (
-    PosedSequences,
-    Scan,
-    nearest_poses,
-    read_list,
-)
+from geovp_classic.data.recordings.scans import Scan, nearest_poses, read_list
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 

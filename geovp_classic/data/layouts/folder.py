@@ -12,12 +12,8 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.data.frames.image_frames import image_files, image_series
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames
-from geovp_classic.data.recordings.sequences import (
-    Scan,
-    SequenceDataset,
-    per_frame,
-    sequence_folders,
-)
+from geovp_classic.data.recordings.scans import Scan, per_frame, sequence_folders
+from geovp_classic.data.recordings.sequences import SequenceDataset
 from geovp_classic.data.recordings.windows import Rate
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics

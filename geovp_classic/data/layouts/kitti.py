@@ -17,7 +17,8 @@ from geovp_classic.data.formats.calibration_files import (
 )
 from geovp_classic.data.frames.image_frames import image_size, numbered_images
 from geovp_classic.data.recordings import splits
-from geovp_classic.data.recordings.sequences import PosedSequences, Scan, per_frame
+from geovp_classic.data.recordings.scans import Scan, per_frame
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.data.recordings.windows import FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3

@@ -20,7 +20,7 @@ from geovp_classic.data.formats.calibration_files import read_entry
 from geovp_classic.data.frames.image_frames import numbered_images
 from geovp_classic.data.layouts import kitti
 from geovp_classic.data.layouts.kitti import Kitti
-from geovp_classic.data.recordings.sequences import Scan, per_frame
+from geovp_classic.data.recordings.scans import Scan, per_frame
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray

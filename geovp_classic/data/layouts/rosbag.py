@@ -12,7 +12,8 @@ from geovp_classic.data.formats.bags import Bag, BagImages
 from geovp_classic.data.formats.frame_tree import FrameTree
 from geovp_classic.data.frames.image_frames import FrameFiles
 from geovp_classic.data.frames.undistortion import DistortedCamera
-from geovp_classic.data.recordings.sequences import PosedSequences, Scan, sequence_folders
+from geovp_classic.data.recordings.scans import Scan, sequence_folders
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray, Intrinsics
 

@@ -14,13 +14,8 @@ from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.frames.image_frames import image_size
 from geovp_classic.data.frames.undistortion import DistortedCamera
-from geovp_classic.data.recordings.sequences import (
-    PosedSequences,
-    Scan,
-    nearest,
-    nearest_poses,
-    read_list,
-)
+from geovp_classic.data.recordings.scans import Scan, nearest, nearest_poses, read_list
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 

@@ -27,7 +27,8 @@ from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames, is_video
 from geovp_classic.data.layouts.folder import DEFAULT_RATE_HZ
 from geovp_classic.data.recordings import windows
-from geovp_classic.data.recordings.sequences import PosedSequences, Scan
+from geovp_classic.data.recordings.scans import Scan
+from geovp_classic.data.recordings.sequences import PosedSequences
 from geovp_classic.data.recordings.windows import Fit, Rate, Recording, frames_at_rate
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics

@@ -17,7 +17,7 @@ from geovp_classic.data.layouts import detection
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
 from geovp_classic.data.layouts.tum import Tum
-from geovp_classic.data.recordings import sequences
+from geovp_classic.data.recordings import scans
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.odometry.recorded_odometry import RecordedOdometry
@@ -255,4 +255,4 @@ def test_separators_of_text_files_are_alike(
 )
 def test_nearest_times_within_a_difference(others_s: list[float], numbers: list[int]) -> None:
     times_s = np.array([1.0, 1.35, 1.13])
-    assert sequences.nearest(times_s, np.array(others_s), 0.1).tolist() == numbers
+    assert scans.nearest(times_s, np.array(others_s), 0.1).tolist() == numbers
