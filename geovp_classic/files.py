@@ -43,8 +43,8 @@ def checked(what: str, advice: str) -> Iterator[None]:
         yield
     except Exception as problem:
         reason = str(getattr(problem, "strerror", None) or problem).strip()
-        # pycolmap names a line of C++, and Pillow an object in memory
-        reason = re.sub(r"^\[\w+\.\w+:\d+\] | <\S+ object at 0x\w+>", "", reason)
+        # pycolmap names a line of C++, and Pillow an open file
+        reason = re.sub(r"^\[\w+\.\w+:\d+\] | <_io\.[^>]+>", "", reason)
         reason = reason.partition("\n")[0][:200] or type(problem).__name__
         raise BadData(f"{what} ({reason}): {advice}") from problem
 

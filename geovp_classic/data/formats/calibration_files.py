@@ -59,21 +59,20 @@ def read_camera(path: Path, images: Path, size_px: Size) -> DistortedCamera:
         "ORB-SLAM or VINS"
     )
     with files.checked(f"{path} is not a calibration", formats):
-        if path.suffix.lower() in (".yaml", ".yml"):
-            table = load_yaml(text)
-            folders = [*reversed(images.resolve().parts), "cam0"]
-            name = next(
-                (each for each in folders if re.match(r"cam\d", each) and each in table), ""
-            )
-            camera = camera_of_yaml(table.get(name, table), size_px)
-        elif match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
+        if match := re.search(r"^(P|P_rect_0)[0-3]:", text, re.MULTILINE):
             folder = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
             cameras = [folder[1]] if folder else KITTI_CAMERAS
             names = [f"{match[1]}{camera}" for camera in cameras]
             name = next((name for name in names if f"{name}:" in text), names[0])
             camera, _ = read_projection(path, name, size_px)
+        elif lines := re.findall(r"^[ \t]*\d+[ \t]+([A-Z_]+[ \t].*\S)", text, re.MULTILINE):
+            camera = _camera_of_colmap(lines)
         else:
-            camera = _camera_of_colmap(text)
+            table = load_yaml(text)
+            kalibr = [name for name in table if re.match(r"cam\d", name)]
+            folders = [*reversed(images.resolve().parts), *kalibr]
+            name = next((each for each in folders if each in kalibr), "")
+            camera = camera_of_yaml(table.get(name, table), size_px)
     return scaled_to(camera, size_px, str(path))
 
 
@@ -203,16 +202,14 @@ def matrix_data(value: Any) -> list[Any]:
     return list(value["data"] if isinstance(value, Mapping) else value or [])
 
 
-def _camera_of_colmap(text: str) -> DistortedCamera:
-    """Parse the camera of a cameras.txt; it may be there twice."""
+def _camera_of_colmap(lines: list[str]) -> DistortedCamera:
+    """Parse the lines of a cameras.txt behind the number; a camera may be there twice."""
     from geovp_classic.colmap_library import pycolmap
 
-    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
-    distinct = {tuple(line.split()[1:]) for line in lines}
-    if len(distinct) != 1:
-        raise ValueError(f"it has {len(distinct)} different cameras, expected one")
-    line = lines[0]
-    _, name, width_px, height_px, *params = line.split()
+    line, *others = dict.fromkeys(lines)
+    if others:
+        raise ValueError(f"it has {1 + len(others)} different cameras, expected one")
+    name, width_px, height_px, *params = line.split()
     # a Camera(model=name) would leak for unknown names
     camera = pycolmap.Camera(
         model=pycolmap.CameraModelId(name),

@@ -247,30 +247,42 @@ def image_files(folder: Path) -> list[Path]:
 def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
     """Return the images of a folder in their order, of which the names must leave no doubt.
 
-    `name_pattern`, such as "frame*.png", chooses some. BadData names the series of images with the
-    same numbers, such as frames and masks, and numbers that can be read in two ways.
+    `name_pattern` chooses some: "frame*.png" those whose names differ by numbers alone, or else all
+    that it matches. BadData names the series of images that lie between each other, such as frames
+    and masks, and numbers that can be read in two ways.
     """
-    paths = [
-        path
-        for path in image_files(folder)
-        if name_pattern is None or fnmatch.fnmatchcase(path.name, name_pattern)
-    ]
-    # Names that differ by their numbers alone are a series.
+    paths = image_files(folder)
+    if name_pattern is not None:
+        # "frame*.png" matches frame1_mask.png, too, but is the name of another series
+        is_series = name_pattern in {series_name(path.name) for path in paths}
+        paths = [
+            path
+            for path in paths
+            if name_pattern == series_name(path.name)
+            or (not is_series and fnmatch.fnmatchcase(path.name, name_pattern))
+        ]
+        if not paths:
+            raise BadData(
+                f"{folder} holds no image called {name_pattern}: give another name_pattern"
+            )
     series: dict[str, list[Path]] = {}
     by_number: dict[tuple[int, ...], list[Path]] = {}
     for path in paths:
-        series.setdefault(re.sub(r"\d+", "*", path.name), []).append(path)
+        series.setdefault(series_name(path.name), []).append(path)
         numbers = tuple(map(int, re.findall(r"\d+", path.stem)))
         by_number.setdefault(numbers or (-len(by_number),), []).append(path)
-    # Equal numbers: several series, or one image twice.
-    equal = next((paths for paths in by_number.values() if len(paths) > 1), None)
-    if equal is not None:
-        names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
-        raise BadData(
-            f"{folder} holds {len(series)} series of images, {names:.300}, of which "
-            f"{equal[0].name} and {equal[1].name} have the same number: remove one of them, or "
-            f'give name_pattern = "{next(iter(series))}"'
-        )
+    # Equal numbers, the last one aside: several series, an image twice, or "frame 1 (2).png".
+    for numbers, group in by_number.items():
+        equal = [*by_number.get(numbers[:-1], ()), *group]
+        if len(equal) > 1:
+            names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
+            largest = max(series, key=lambda name: len(series[name]))
+            choice = f', or give name_pattern = "{largest}"' if len(series) > 1 else ""
+            raise BadData(
+                f"{folder} holds {len(series)} series of images, {names:.300}, of which "
+                f"{equal[0].name} and {equal[1].name} have the same number: remove one of them"
+                f"{choice}"
+            )
     # "1.5" and "1.25" have another order as decimal numbers than by their parts.
     is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
@@ -278,9 +290,32 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f"{folder} holds {paths[0].name} to {paths[-1].name}, whose order is another if they "
             "are decimal numbers: write equally many digits behind the point"
         )
-    if name_pattern is not None and not paths:
-        raise BadData(f"{folder} holds no image called {name_pattern}: give another name_pattern")
+    if name_pattern is None and not is_decimal and _are_of_several_cameras(paths):
+        first, second = (re.sub(r".*\d(\D+\d)", r"*\1", path.name) for path in paths[:2])
+        raise BadData(
+            f"{folder} holds {paths[0].name}, {paths[1].name} and so on, as of several cameras: "
+            f'give name_pattern = "{first}" or "{second}", or "*" for all images in this order'
+        )
     return paths
+
+
+def series_name(name: str) -> str:
+    """Return a name with a star for each number, which the names of a series share."""
+    return re.sub(r"\d+", "*", name)
+
+
+def _are_of_several_cameras(paths: list[Path], max_cameras: int = 8) -> bool:
+    """Return whether names end in the number of a camera, as 0001_0, 0001_1, 0002_0 and so on."""
+    cameras: dict[str, list[int]] = {}
+    for path in paths:
+        match = re.fullmatch(r"(.*\d\D+)(\d+)\D*", path.stem)
+        if match is None:
+            return False
+        cameras.setdefault(match[1], []).append(int(match[2]))
+    first, *others = cameras.values()
+    is_complete = all(each == first for each in others)
+    is_consecutive = first == list(range(first[0], first[0] + len(first)))
+    return is_complete and is_consecutive and 1 < len(first) <= min(max_cameras, len(others))
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

@@ -94,6 +94,8 @@ class VideoFrames:
         stream: Any = self._container.streams.best("video")
         if stream is None or stream.disposition & Disposition.attached_pic:
             raise ValueError("it has no video stream")
+        if stream.codec_context.name == "ansi":  # FFmpeg draws .txt files on a terminal
+            raise ValueError("it is text")
         self._stream = stream
         if not 0 < self._stream.width * self._stream.height <= MAX_PIXELS:
             raise ValueError(f"its frames have {self._stream.width}x{self._stream.height} pixels")

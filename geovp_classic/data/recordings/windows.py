@@ -195,7 +195,7 @@ def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[F
     if not fitting:
         raise BadData(
             f"{frames} has {np.diff(bounds).max()} frames without a break, but one clip needs "
-            f"{num_frames}"
+            f"{num_frames}: give a longer recording, or shorter clips"
         )
     return fitting
 

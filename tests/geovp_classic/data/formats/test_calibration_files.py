@@ -184,6 +184,8 @@ TWICE = (
         ("a.yaml", VINS, "FULL_OPENCV"),
         ("a.yaml", VINS_FISHEYE, "OPENCV_FISHEYE"),
         ("a.yaml", TWO_CAMERAS, "FULL_OPENCV"),
+        ("a.yaml", KALIBR.replace("cam0", "cam3"), "FULL_OPENCV"),
+        ("info.txt", ROSTOPIC, "FULL_OPENCV"),
         ("cameras.txt", TWICE, "OPENCV"),
     ],
 )
@@ -238,7 +240,7 @@ def test_kalibr_has_the_model_of_one_angle(tmp_path: Path) -> None:
         ("cameras.txt", "1 PINHOLE 192 144 500 510", "is not a camera"),
         ("cameras.txt", "1 PINHOLE 192 0 500 510 320 240", "cameras.txt"),
         ("cameras.txt", "1 PINHOLE 192 4000000000000 500 510 320 240", "cameras.txt"),
-        ("cameras.txt", "# nothing\n", "0 different cameras"),
+        ("cameras.txt", "# nothing\n", "it is not a table"),
         (
             "cameras.txt",
             TWICE.replace("\n2 OPENCV 192 144 166", "\n2 OPENCV 192 144 170"),

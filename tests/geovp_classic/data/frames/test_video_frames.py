@@ -272,11 +272,12 @@ def test_names_are_taken_as_they_are(
 
 
 def test_files_without_a_video_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "text.mp4").write_text("text")
+    for name in ("text.mp4", "poses.txt"):
+        (tmp_path / name).write_text(200 * "1 0 0 0 0 1 0 0 0 0 1 0\n")
     (tmp_path / "list.m3u8").write_text("#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/a.ts\n")
     with wave.open(str(tmp_path / "sound.wav"), "wb") as sound:
         sound.setparams((1, 2, 8000, 0, "NONE", ""))
         sound.writeframes(bytes(8000))
-    for name in ("text.mp4", "list.m3u8", "sound.wav"):
+    for name in ("text.mp4", "poses.txt", "list.m3u8", "sound.wav"):
         with pytest.raises(BadData, match=f"{name} cannot be decoded as a video"):
             VideoFrames(tmp_path / name)

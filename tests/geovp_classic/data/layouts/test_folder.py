@@ -156,7 +156,9 @@ def test_several_series_in_a_folder_are_refused_or_chosen(images: Path) -> None:
         cv2.imwrite(str(images / f"m{number}.png"), np.zeros((24, 64), np.uint8))
     with pytest.raises(BadData, match=r"2 series .* f\*\.png \(12 images\), m\*\.png"):
         folder(images)
-    assert folder(images, name_pattern="f*.png")[0].frames[1, 3, 3, 0] == 20
+    cv2.imwrite(str(images / "f1_mask.png"), np.zeros((24, 64), np.uint8))
+    clip = folder(images, name_pattern="f*.png")[0]  # as the message advises
+    assert clip.frames[1, 3, 3, 0] == 20
     with pytest.raises(BadData, match="no image called x"):
         folder(images, name_pattern="x*")
     assert not Doctor().examine(images).is_sound
@@ -167,7 +169,10 @@ def test_several_series_in_a_folder_are_refused_or_chosen(images: Path) -> None:
     [
         (("1.png", "01.png", "2.png"), "have the same number"),
         (("f1.png", "f1 (copy).png", "f2.png"), "have the same number|2 series"),
+        (("f1.png", "f1 (2).png", "f2.png"), r'same number: .* name_pattern = "f\*.png"'),
+        (("f1.png", "f1_depth16.png", "f2.png", "f2_depth16.png"), "have the same number"),
         (("f1.png", "f2.png", "f1.jpg", "f2.jpg"), "2 series"),
+        (tuple(f"{n}_{k}.png" for n in "789" for k in "12"), r'name_pattern = "\*_1.png" or'),
         (("10.5.png", "10.25.png", "10.75.png"), "decimal numbers"),
     ],
 )
