@@ -60,7 +60,13 @@ class Messages:
         header = _header(time_ns, "camera")
         return self.make("sensor_msgs/msg/CompressedImage", header=header, format="png", data=data)
 
-    def info(self, time_ns: int, clip: Clip, lens: Sequence[float] = (0.0,) * 5) -> Any:
+    def info(
+        self,
+        time_ns: int,
+        clip: Clip,
+        lens: Sequence[float] = (0.0,) * 5,
+        roi: tuple[int, int, int, int] = (0, 0, 0, 0),
+    ) -> Any:
         camera = clip.intrinsics
         return self.make(
             "sensor_msgs/msg/CameraInfo",
@@ -72,6 +78,7 @@ class Messages:
             k=camera.matrix.ravel(),
             r=np.eye(3).ravel(),
             p=np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
+            roi=dict(zip(("x_offset", "y_offset", "width", "height"), roi, strict=True)),
         )
 
     def transform(self, time_ns: int, parent: str, child: str, pose: np.ndarray) -> Any:

@@ -20,7 +20,7 @@ from geovp_classic.data.frames import image_frames
 from geovp_classic.data.frames.image_frames import Size
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.errors import BadData, MissingExtra, install_command
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray
 
 TYPES = {
     "image": ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
@@ -153,11 +153,11 @@ class Bag:
             }
             if not any(table["k"]):
                 return None
-            camera = camera_of_yaml(table)
+            table["roi"] = vars(message.roi)
             if "/image_rect" in image_topic:  # the names of image_proc
-                fx, _, cx, _, _, fy, cy, *_ = table["p"]
-                view = Intrinsics(fx, fy, cx, cy, *camera.size_px)
-                camera = DistortedCamera(view)
+                matrix = np.reshape(table["p"], (3, 4))[:, :3]
+                table |= {"k": matrix.tolist(), "d": [], "distortion_model": "none"}
+            camera = camera_of_yaml(table)
         return scaled_to(camera, size_px, source)
 
     def add_links(self, tree: FrameTree, topic: str) -> None:

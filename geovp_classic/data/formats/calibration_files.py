@@ -159,8 +159,10 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     KeyError or TypeError for unknown camera models and missing numbers.
     """
     # ORB-SLAM has a prefix for each camera, of which the first is used, and VINS has two tables
-    values = {name.rpartition(".")[2]: value for name, value in table.items() if "2." not in name}
-    values |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
+    prefixed = {name: value for name, value in table.items() if "2." not in name}
+    prefixed |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
+    # OpenCV 2 and ROS 1 write capital letters
+    values = {name.rpartition(".")[2].lower(): value for name, value in prefixed.items()}
 
     def first(*keys: str) -> Any:
         return next((values[key] for key in keys if key in values), None)
@@ -168,7 +170,9 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     if values.get("camera_model", "pinhole") != "pinhole":
         raise ValueError(f"camera_model is {values['camera_model']!r}, expected pinhole")
     model = first("distortion_model") or "none"
-    distortion = matrix_data(first("distortion_coeffs", "distortion_coefficients", "D", "d"))
+    # its name differs; a distortion that is overlooked would stay in the images
+    names = [name for name in values if re.fullmatch(r"d|dist\w*coef\w*", name)]
+    distortion = matrix_data(first(*names))
     stated_px = first("image_width", "width"), first("image_height", "height")
     slam_model = first("model_type", "type") or ("fx" in values and "PinHole")
     if "intrinsics" in values:
@@ -177,11 +181,11 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     elif slam_model:
         if slam_model not in SLAM_MODELS:
             raise ValueError(f"it has the model {slam_model!r}, expected {', '.join(SLAM_MODELS)}")
-        model, names, coefficients = SLAM_MODELS[slam_model]
-        numbers = [values[name] for name in names.split()]
+        model, parameters, coefficients = SLAM_MODELS[slam_model]
+        numbers = [values[name] for name in parameters.split()]
         distortion = [values.get(name, 0.0) for name in coefficients.split()]
     else:
-        matrix = matrix_data(first("camera_matrix", "K", "k"))
+        matrix = matrix_data(first("camera_matrix", "k"))
         if len(matrix) != 9:
             raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
         numbers = [matrix[at] for at in (0, 4, 2, 5)]
@@ -193,13 +197,19 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
         raise ValueError(f"its distortion_model is {model!r}, expected {', '.join(MODELS)}")
     fx, fy, cx, cy = map(float, numbers)
     width_px, height_px = (round(float(side_px)) for side_px in stated_px)
+    # ROS's region of interest is a part of the sensor that the matrix is about; 0: all of it
+    names = ("x_offset", "y_offset", "width", "height")
+    left, top, *region_px = (int(values.get("roi", {}).get(name, 0)) for name in names)
+    if all(region_px):
+        cx, cy, (width_px, height_px) = cx - left, cy - top, region_px
     view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
     return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
 
 
 def matrix_data(value: Any) -> list[Any]:
-    """Return the numbers of a matrix, which ROS writes as a list or below `data`."""
-    return list(value["data"] if isinstance(value, Mapping) else value or [])
+    """Return the numbers of a matrix: a list, a list of rows, or a list below `data`."""
+    rows = value["data"] if isinstance(value, Mapping) else value or []
+    return np.ravel(rows).tolist()
 
 
 def _camera_of_colmap(lines: list[str]) -> DistortedCamera:

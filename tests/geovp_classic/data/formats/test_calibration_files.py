@@ -153,6 +153,15 @@ projection_parameters:
    u0: 95.5
    v0: 71.5
 """
+NUMPY = """camera_matrix: [[166, 0, 95.5], [0, 166, 71.5], [0, 0, 1]]
+dist_coeff: [[-0.05, 0.01, 0, 0, 0]]
+"""
+REGION = """height: 960
+width: 1280
+D: [-0.05, 0.01]
+K: [166, 0, 395.5, 0, 166, 271.5, 0, 0, 1]
+roi: {x_offset: 300, y_offset: 200, height: 144, width: 192, do_rectify: False}
+"""
 TWO_CAMERAS = """cam0:
   intrinsics: [100, 100, 95.5, 71.5]
   resolution: [192, 144]
@@ -185,6 +194,9 @@ TWICE = (
         ("a.yaml", VINS_FISHEYE, "OPENCV_FISHEYE"),
         ("a.yaml", TWO_CAMERAS, "FULL_OPENCV"),
         ("a.yaml", KALIBR.replace("cam0", "cam3"), "FULL_OPENCV"),
+        ("a.yaml", NUMPY, "FULL_OPENCV"),
+        ("a.yaml", REGION, "FULL_OPENCV"),
+        ("a.yml", OPENCV.replace("camera_matrix", "Camera_Matrix"), "FULL_OPENCV"),
         ("info.txt", ROSTOPIC, "FULL_OPENCV"),
         ("cameras.txt", TWICE, "OPENCV"),
     ],

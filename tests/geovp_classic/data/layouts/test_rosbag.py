@@ -169,6 +169,13 @@ def test_the_camera_is_that_of_the_images(tmp_path: Path) -> None:
     assert camera("/cam/image_rect", "/cam/camera_info", lens=lens).distortion == ()
     assert camera("/b/image_raw", "/cam/camera_info") is None
     assert camera("/b/image_raw", "/a/camera_info").pinhole == SHORT.intrinsics
+    # the window of 64x64 pixels at (30, 20) is binned or resized to 128x128
+    whole = SHORT.intrinsics
+    for topic in ("/cam/image_raw", "/cam/image_rect"):
+        shown = camera(topic, "/cam/camera_info", roi=(30, 20, 64, 64)).pinhole
+        assert shown.fx_px == 2 * whole.fx_px
+        assert shown.cx_px == 2 * (whole.cx_px - 30) + 0.5
+        assert shown.cy_px == 2 * (whole.cy_px - 20) + 0.5
 
 
 def edited(**fields: Any) -> Edit:
