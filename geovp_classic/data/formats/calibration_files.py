@@ -198,8 +198,8 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     fx, fy, cx, cy = map(float, numbers)
     width_px, height_px = (round(float(side_px)) for side_px in stated_px)
     # ROS's region of interest is a part of the sensor that the matrix is about; 0: all of it
-    names = ("x_offset", "y_offset", "width", "height")
-    left, top, *region_px = (int(values.get("roi", {}).get(name, 0)) for name in names)
+    sides = ("x_offset", "y_offset", "width", "height")
+    left, top, *region_px = (int(values.get("roi", {}).get(side, 0)) for side in sides)
     if all(region_px):
         cx, cy, (width_px, height_px) = cx - left, cy - top, region_px
     view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
