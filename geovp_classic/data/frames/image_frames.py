@@ -276,8 +276,8 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
         equal = [*by_number.get(numbers[:-1], ()), *group]
         if len(equal) > 1:
             names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
-            largest = max(series, key=lambda name: len(series[name]))
-            choice = f', or give name_pattern = "{largest}"' if len(series) > 1 else ""
+            main_series = max(series, key=lambda name: len(series[name]))
+            choice = f', or give name_pattern = "{main_series}"' if len(series) > 1 else ""
             raise BadData(
                 f"{folder} holds {len(series)} series of images, {names:.300}, of which "
                 f"{equal[0].name} and {equal[1].name} have the same number: remove one of them"
