@@ -90,10 +90,16 @@ class VideoFrames:
             options={"protocol_whitelist": "file"},
             metadata_errors="ignore",
         )
-        # as players choose one of several: not a preview or the picture of a cover
-        stream: Any = self._container.streams.best("video")
-        if stream is None or stream.disposition & Disposition.attached_pic:
+        # as players choose one of several, but not the picture of a cover, or a thumbnail
+        streams: list[Any] = [
+            each
+            for each in self._container.streams.video
+            if not each.disposition & Disposition.attached_pic
+        ]
+        if not streams:
             raise ValueError("it has no video stream")
+        best = self._container.streams.best("video")
+        stream = max(streams, key=lambda each: (each.frames != 1, each == best))
         if stream.codec_context.name == "ansi":  # FFmpeg draws .txt files on a terminal
             raise ValueError("it is text")
         self._stream = stream

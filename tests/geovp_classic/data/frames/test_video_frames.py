@@ -105,8 +105,9 @@ def test_a_rate_that_no_camera_has_is_no_rate(tmp_path: Path) -> None:
         VideoFrames(path).times_at(None)
 
 
-def test_a_cover_picture_is_not_the_video(tmp_path: Path) -> None:
-    path = tmp_path / "a.mkv"
+@pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])  # in mp4, the first is the default
+def test_a_cover_picture_is_not_the_video(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
     with av.open(str(path), "w") as output:
         cover, main = output.add_stream("mjpeg", rate=10), output.add_stream("libx264", rate=10)
         cover.pix_fmt = "yuvj420p"
