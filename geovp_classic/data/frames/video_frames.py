@@ -192,10 +192,12 @@ class VideoFrames:
         elif self._is_counted:
             stamps = list(decoded.values())
         steps = np.diff(np.array(stamps, np.float64))
-        is_step = steps > 0  # not across two recordings, or without a time
+        is_step = steps > 0  # not where another recording begins, or without a time
         usual = float(np.median(steps[is_step])) if is_step.any() else 0.0
         is_raw |= len(steps) > 0 and usual * unit_s < MIN_STEP_S
-        times_s = np.cumsum([0.0, *np.where(is_step, steps, usual)]) * unit_s
+        pause = 2 / unit_s + 2 * usual  # so that no clip holds frames of two recordings
+        steps = np.where(is_step, steps, np.where(steps < 0, pause, usual))
+        times_s = np.cumsum([0.0, *steps]) * unit_s
         self.times_s: FloatArray | None = None if is_raw else times_s
 
     def _decode(self, index: int) -> ByteArray:

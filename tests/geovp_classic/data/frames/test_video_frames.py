@@ -14,6 +14,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from video_files import grey_levels, write_video
 
 from geovp_classic.data.frames.video_frames import VideoFrames
+from geovp_classic.data.layouts.folder import Folder
 from geovp_classic.errors import BadData
 
 # the corners of a picture are red, green, blue and black: R G above B K
@@ -90,8 +91,11 @@ def test_recordings_that_were_put_together_follow_one_another(tmp_path: Path) ->
     path.write_bytes(b"".join(contents))
     frames = VideoFrames(path)
     assert levels(frames) == list(range(12))
-    steps_s = [0.1] * 8 + [0.04] * 3  # the usual one between the recordings
+    # between them, a pause of 2 s and two usual steps, which no clip of a data set holds
+    steps_s = [0.1] * 5 + [2.2] + [0.1] * 2 + [0.04] * 3
     np.testing.assert_allclose(np.diff(frames.times_s), steps_s, atol=1e-3)
+    folder = Folder(path, intrinsics=(50, 50, 32, 24), num_frames=5, stride=1, size_px=(24, 24))
+    assert folder.clip_names == ("part/000000", "part/000001")
 
 
 def test_a_rate_that_no_camera_has_is_no_rate(tmp_path: Path) -> None:
