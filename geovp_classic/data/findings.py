@@ -17,6 +17,9 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
 Severity = Literal["error", "warning", "note"]
+# between images: 1000 Hz, and less than a time in milliseconds would be at 100 Hz
+MIN_STEP_S, MAX_STEP_S = 0.001, 5.0
+PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,23 @@ class Findings(list[Finding]):
             if pair is not None:
                 pairs.append(pair)
         return [key for key, _ in pairs], [value for _, value in pairs]
+
+    def check_steps(self, path: Path, stamps: FloatArray, unit: str = "s") -> None:
+        """Add an error unless stamps [N] of a unit come at a rate that cameras have."""
+        steps = np.diff(stamps[np.isfinite(stamps)])
+        if not len(steps):
+            return
+        usual = float(np.median(steps))
+        units = [
+            name for name, per_s in PER_SECOND.items() if MIN_STEP_S <= usual / per_s <= MAX_STEP_S
+        ]
+        if unit not in units:
+            guess = f", as of times in {' or '.join(units)}" if units else ""
+            self.add(
+                path,
+                f"the usual step between times is {usual:.6g}{guess}: give times in {unit}, "
+                f"{MIN_STEP_S} to {MAX_STEP_S:g} s apart",
+            )
 
 
 class FirstError(Findings):

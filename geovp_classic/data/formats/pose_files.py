@@ -51,8 +51,9 @@ def read_times(path: Path, findings: Findings = RAISE) -> FloatArray:
     def parse_line(text: str) -> tuple[float, None]:
         return parse_numbers(text, 1)[0], None
 
-    times_s, _ = findings.parse(path, parse_line, (np.nan, None))
-    return np.array(times_s, np.float64)
+    times_s = np.array(findings.parse(path, parse_line, (np.nan, None))[0], np.float64)
+    findings.check_steps(path, times_s)
+    return times_s
 
 
 def has_times(path: Path) -> bool:

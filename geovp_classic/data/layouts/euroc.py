@@ -42,7 +42,7 @@ class Euroc(PosedSequences):
         if not cam.is_dir():
             present = ", ".join(sorted(path.name for path in mav0.glob("cam?")))
             findings.add(cam, f"does not exist: mav0 has {present}")
-        stamps_ns, images = read_list(cam / "data.csv", cam / "data", findings)
+        stamps_ns, images = read_list(cam / "data.csv", cam / "data", findings, "ns")
         times_s = stamps_ns / 1e9
         sensor = cam / "sensor.yaml"
         scan = Scan(images, times_s)

@@ -111,6 +111,7 @@ class Folder(SequenceDataset):
                 )
             if self.frame_rate_hz is None and self.times is None:
                 times_s = trajectory.times_s
+                findings.check_steps(path, times_s)
         cameras: tuple[DistortedCamera, ...] = ()
         if self.intrinsics is not None:
             size_px = reader.size_px if reader else self._load(images[0]).shape[1::-1]

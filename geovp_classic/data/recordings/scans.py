@@ -183,8 +183,10 @@ def nearest_poses(
     return with_missing[numbers]
 
 
-def read_list(path: Path, folder: Path, findings: Findings) -> tuple[FloatArray, tuple[Path, ...]]:
-    """Read a list of times [N] and images in a folder, without its bad lines."""
+def read_list(
+    path: Path, folder: Path, findings: Findings, unit: str = "s"
+) -> tuple[FloatArray, tuple[Path, ...]]:
+    """Read a list of times [N] in a unit and images in a folder, without its bad lines."""
 
     def parse_line(text: str) -> tuple[float, Path]:
         time, *rest = words(text, 1)
@@ -197,5 +199,7 @@ def read_list(path: Path, folder: Path, findings: Findings) -> tuple[FloatArray,
             )
         return numbers[0], folder / name
 
-    times_s, images = findings.parse(path, parse_line)
-    return np.array(times_s, np.float64), tuple(images)
+    stamps, images = findings.parse(path, parse_line)
+    times = np.array(stamps, np.float64)
+    findings.check_steps(path, times, unit)
+    return times, tuple(images)

@@ -9,6 +9,7 @@ import pytest
 from video_files import grey_levels, write_video
 
 from geovp_classic.data.doctor import Doctor
+from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.errors import BadData
 
 Edit = Callable[[Path, int, str], None]
@@ -118,6 +119,22 @@ def test_implausible_content_is_a_warning(kitti_root: Path, edit: Edit) -> None:
         kitti_root
     )
     assert Doctor().examine(kitti_root).is_sound
+
+
+@pytest.mark.parametrize(
+    ("times_per_s", "unit"), [(1e3 / 3.3, "ms"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")]
+)
+def test_times_in_another_unit_are_an_error(
+    times_per_s: float, unit: str, kitti_root: Path
+) -> None:
+    """At 10 Hz, 0.1 s are 100 ms; at 33 Hz, 30 ms would be 30 s."""
+    lines = [f"{index / 10 * times_per_s:.6f}" for index in range(12)]
+    (kitti_root / "sequences/01/times.txt").write_text("\n".join(lines))
+    (error,) = [each for each in reported(kitti_root) if each.startswith("error")]
+    start = f"error sequences/01/times.txt: the usual step between times is {0.1 * times_per_s:.6g}"
+    assert error == f"{start}, as of times in {unit}: give times in s, 0.001 to 5 s apart"
+    with pytest.raises(BadData, match="give times in s"):
+        Kitti(kitti_root)
 
 
 def test_an_input_of_which_no_clip_can_be_cut_has_an_error(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """TUM RGB-D, EuRoC and COLMAP give the clips that the files were written from."""
 
 import pickle
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -247,6 +248,13 @@ def test_separators_of_text_files_are_alike(
     scan = Tum(tmp_path, **CUT, intrinsics=numbers_of(street)).scan(folder, RAISE)
     assert len(scan.posed) == len(scan.depths) == 12
     assert pose_files.has_times(folder / "groundtruth.txt")
+
+
+def test_euroc_has_times_in_nanoseconds(tmp_path: Path, write_euroc: Write, street: Clip) -> None:
+    path = write_euroc(tmp_path, "MH", street) / "mav0/cam0/data.csv"
+    path.write_text(re.sub(r"^(\d{16})\d{3},", r"\1,", path.read_text(), flags=re.MULTILINE))
+    with pytest.raises(BadData, match="is 100000, as of times in us: give times in ns"):
+        Euroc(tmp_path, **CUT)
 
 
 @pytest.mark.parametrize(
