@@ -71,7 +71,10 @@ class Findings(list[Finding]):
             self.add(path, message, line)
 
     def lines(self, path: Path) -> list[tuple[int, str]]:
-        """Read the numbers, from 1, and texts of the lines that hold more than a comment (#)."""
+        """Read the numbers, from 1, and texts of the lines that hold more than a comment (#).
+
+        A header, the first line if no word of it begins as a number, is left out.
+        """
         lines = []
         with self.catch(path):
             if not path.exists():
@@ -79,8 +82,10 @@ class Findings(list[Finding]):
             for number, line in enumerate(files.read_text(path).splitlines(), 1):
                 if text := line.partition("#")[0].strip():
                     lines.append((number, text))
+            if lines and not re.search(r"(^|[\s,;])[-+.\d]", lines[0][1]):
+                del lines[0]
             if not lines:
-                raise BadData("is empty")
+                raise BadData("has no numbers")
         return lines
 
     def parse(

@@ -1,12 +1,13 @@
 """Trajectories in KITTI's format (12 or 13 numbers a line) or TUM's (8), and files of times.
 
 KITTI: the rows of world_from_cam[:3] one after the other, with or without the frame index in front.
-TUM: `t x y z qx qy qz qw`, time in seconds, world_from_cam. Blank lines and comments (#) are
-skipped. Functions raise BadData for the first bad line, or add a finding for each bad line to the
-`findings` that they are given and return NaN in its place.
+TUM: `t x y z qx qy qz qw`, time in seconds, world_from_cam. Blank lines, comments (#) and a header
+are skipped. Functions raise BadData for the first bad line, or add a finding for each bad line to
+the `findings` that they are given and return NaN in its place.
 """
 
 import itertools
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,18 +31,19 @@ def read_kitti(path: Path, findings: Findings = RAISE) -> FloatArray:
 
 
 def read_tum(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatArray]:
-    """Read times in seconds [N] and world_from_cam [N, 4, 4]."""
-    return _read(path, (8,), pose_of_quaternion, findings)
+    """Read times in seconds [N] and world_from_cam [N, 4, 4].
+
+    The real part of quaternions comes first if the first line says so, as in the ASL layout.
+    """
+    header = files.read_text(path).partition("\n")[0] if path.is_file() else ""
+    axes = "".join(re.findall(r"[wxyz]\b", header))
+    pose_of = _pose_of_real_first if axes.startswith("xyzw") else pose_of_quaternion
+    return _read(path, (8,), pose_of, findings)
 
 
 def read_asl(path: Path, findings: Findings = RAISE) -> tuple[FloatArray, FloatArray]:
     """Read times in seconds [N] and world_from_body [N, 4, 4] of a data.csv, which has ns."""
-
-    def pose_of(numbers: FloatArray) -> FloatArray:
-        # the real part of the quaternion comes first
-        return pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
-
-    times_ns, world_from_body = _read(path, (17, 8), pose_of, findings)
+    times_ns, world_from_body = _read(path, (17, 8), _pose_of_real_first, findings)
     return times_ns / 1e9, world_from_body
 
 
@@ -147,6 +149,11 @@ def _pose_of_matrix(numbers: FloatArray) -> FloatArray:
     matrix = numbers[-12:].reshape(3, 4)
     pose = se3.compose(matrix[:, :3], matrix[:, 3])
     return se3.orthonormalised(pose, ROTATION_TOLERANCE)
+
+
+def _pose_of_real_first(numbers: FloatArray) -> FloatArray:
+    """Convert t, x, y, z, qw, qx, qy, qz, and numbers after them, to a pose."""
+    return pose_of_quaternion(np.r_[numbers[:4], numbers[5:8], numbers[4]])
 
 
 def pose_of_quaternion(numbers: FloatArray) -> FloatArray:

@@ -48,6 +48,27 @@ def test_a_quarter_turn_to_the_right_is_read_as_tum_writes_it(tmp_path: Path) ->
     assert trajectory.times_s.tolist() == [1.5]
 
 
+@pytest.mark.parametrize(
+    ("header", "order"),
+    [
+        ("timestamp,tx,ty,tz,qx,qy,qz,qw", (0, 1, 2, 3)),
+        ("%time;x;y;z;q_x;q_y;q_z;q_w", (0, 1, 2, 3)),
+        ("timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x []", (3, 0, 1, 2)),
+        ("#t, x, y, z, qw, qx, qy, qz", (3, 0, 1, 2)),
+    ],
+)
+def test_a_header_names_the_order_of_columns(
+    header: str, order: tuple[int, ...], tmp_path: Path
+) -> None:
+    """The quaternion (0.6, 0, 0, 0.8) turns y about x to (0, .28, .96)."""
+    path = tmp_path / "poses.csv"
+    quaternion = np.array([0.6, 0, 0, 0.8])[list(order)]
+    path.write_text(f"{header}\n" + ",".join(map(str, [1.5, 10, 20, 30, *quaternion])))
+    assert pose_files.has_times(path)
+    (pose,) = pose_files.read_trajectory(path).world_from_cam
+    np.testing.assert_allclose(pose[:3, 1], [0, 0.28, 0.96], atol=1e-12)
+
+
 def test_thirteen_numbers_start_with_the_frame_index(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(f"0 {IDENTITY}\n\n# lost\n1 {IDENTITY}  # found again\n")
@@ -107,7 +128,7 @@ def test_a_bad_line_is_named(tmp_path: Path, bad: str) -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"# nothing but this\n\n", "is empty"), (b"\x89PNG\xff\xfe", "cannot be read as text")],
+    [(b"# nothing but this\n\n", "has no numbers"), (b"\x89PNG\xff\xfe", "cannot be read as text")],
 )
 def test_files_without_poses_or_text_are_refused(
     content: bytes, message: str, tmp_path: Path

@@ -244,6 +244,7 @@ def test_separators_of_text_files_are_alike(
     folder = write_tum(tmp_path, "a", street)
     for path in folder.glob("*.txt"):
         lines = path.read_text().splitlines()
+        lines.insert(0, "t x y z qx qy qz qw" if path.stem == "groundtruth" else "time name")
         path.write_text("\n".join(line.replace(" ", separator) for line in lines))
     scan = Tum(tmp_path, **CUT, intrinsics=numbers_of(street)).scan(folder, RAISE)
     assert len(scan.posed) == len(scan.depths) == 12
