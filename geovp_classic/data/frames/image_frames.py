@@ -10,6 +10,7 @@ import io
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -290,11 +291,12 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f"{folder} holds {paths[0].name} to {paths[-1].name}, whose order is another if they "
             "are decimal numbers: write equally many digits behind the point"
         )
-    if name_pattern is None and not is_decimal and _are_of_several_cameras(paths):
-        first, second = (re.sub(r".*\d(\D+\d)", r"*\1", path.name) for path in paths[:2])
+    patterns = _camera_patterns(paths)
+    if name_pattern is None and not is_decimal and patterns:
         raise BadData(
-            f"{folder} holds {paths[0].name}, {paths[1].name} and so on, as of several cameras: "
-            f'give name_pattern = "{first}" or "{second}", or "*" for all images in this order'
+            f"{folder} holds {paths[0].name} to {paths[-1].name}, as of several cameras: give "
+            f'name_pattern = "{patterns[0]}" or "{patterns[1]}", or "*" for all images in this '
+            "order"
         )
     return paths
 
@@ -304,18 +306,28 @@ def series_name(name: str) -> str:
     return re.sub(r"\d+", "*", name)
 
 
-def _are_of_several_cameras(paths: list[Path], max_cameras: int = 8) -> bool:
-    """Return whether names end in the number of a camera, as 0001_0, 0001_1, 0002_0 and so on."""
-    cameras: dict[str, list[int]] = {}
-    for path in paths:
-        match = re.fullmatch(r"(.*\d\D+)(\d+)\D*", path.stem)
-        if match is None:
-            return False
-        cameras.setdefault(match[1], []).append(int(match[2]))
-    first, *others = cameras.values()
-    is_complete = all(each == first for each in others)
-    is_consecutive = first == list(range(first[0], first[0] + len(first)))
-    return is_complete and is_consecutive and 1 < len(first) <= min(max_cameras, len(others))
+def _camera_patterns(paths: list[Path], max_cameras: int = 8) -> list[str]:
+    """Return a pattern for the images of each camera if names number several cameras.
+
+    Either "cam" stands before the number, as in cam0_0001, or names end in it, and the cameras have
+    the same frames: 0001_0, 0001_1, 0002_0 and so on.
+    """
+    after_word, at_end = r"(?i)(.*?cam(?:era)?[-_ ]?)(\d+)(.*)", r"(.*\d\D+)(\d+)(\D*\.\w+)"
+    for expression in (after_word, at_end):
+        matches = [re.fullmatch(expression, path.name) for path in paths]
+        names = [match.groups() for match in matches if match]
+        images = Counter(series_name(a) + camera + series_name(b) for a, camera, b in names)
+        frames = {(a, b) for a, _, b in names}
+        if len(names) < len(paths) or not 1 < len(images) <= max_cameras:
+            continue
+        if expression == after_word and min(images.values()) > 1:
+            return list(images)
+        cameras = sorted({int(camera) for _, camera, _ in names})
+        is_consecutive = cameras == list(range(cameras[0], cameras[0] + len(images)))
+        is_complete = len(images) * len(frames) == len(paths)
+        if is_consecutive and is_complete and len(images) < len(frames):
+            return list(images)
+    return []
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

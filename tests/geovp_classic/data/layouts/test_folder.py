@@ -173,6 +173,7 @@ def test_several_series_in_a_folder_are_refused_or_chosen(images: Path) -> None:
         (("f1.png", "f1_depth16.png", "f2.png", "f2_depth16.png"), "have the same number"),
         (("f1.png", "f2.png", "f1.jpg", "f2.jpg"), "2 series"),
         (tuple(f"{n}_{k}.png" for n in "789" for k in "12"), r'name_pattern = "\*_1.png" or'),
+        (tuple(f"cam{k}_{n}.png" for k in "01" for n in "123"), r'"cam0_\*.png" or "cam1_\*.png"'),
         (("10.5.png", "10.25.png", "10.75.png"), "decimal numbers"),
     ],
 )
@@ -189,6 +190,8 @@ def test_unambiguous_names_are_sorted(tmp_path: Path) -> None:
         ("9.png", "10.png", "100.jpg"),
         ("1305.175304.png", "1305.275304.png", "1306.075304.png"),
         ("t-1 x2.png", "t-1 x10.png", "t-2 x1.png"),
+        ("cam1_2.png", "cam1_10.png", "cam1_11.png"),
+        ("cam1_2024.png", "cam2_2024.png", "cam10_2024.png"),
     ):
         place = tmp_path / order[0]
         place.mkdir()
