@@ -58,13 +58,22 @@ class SceneMasking:
 def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
     """Return the nonzero pixels of an image file as a mask [H, W] of that size.
 
-    Raise BadData for a file that is not an image, or whose aspect ratio differs by more than 5 %.
+    Raise BadData for a file that is not an image, has transparent pixels, or whose aspect ratio
+    differs by more than 5 %.
     """
     data = np.frombuffer(files.read_bytes(path), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    # with 16 bits, too, of which the upper ones may be 0
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+    image = cv2.imdecode(data, flags) if len(data) else None
     if image is None:
         raise BadData(
             f"mask {path} is not an image: give a PNG that is nonzero where no scene is shown"
+        )
+    stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if stored.ndim == 3 and stored.shape[2] == 4 and np.ptp(stored[..., 3]):
+        raise BadData(
+            f"mask {path} has transparent pixels, which may mean either: give a PNG without "
+            "transparency that is nonzero where no scene is shown"
         )
     height, width = image.shape
     if abs(width * height_px / (height * width_px) - 1) > 0.05:

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import BadData
@@ -13,7 +14,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
 from geovp_classic.observation import Observer
 from geovp_classic.observation.camera_fixed import CameraFixedDetection
-from geovp_classic.observation.scene_mask import scene_window
+from geovp_classic.observation.scene_mask import read_mask, scene_window
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import (
@@ -182,6 +183,20 @@ def test_a_drawn_mask_of_any_size_hides_pixels(clip: Clip, tmp_path: Path) -> No
     expected[80:, 20:] = True
     np.testing.assert_array_equal(observed.mask, expected)
     np.testing.assert_array_equal(observed.context.frames, context.frames[:, :80])
+
+
+def test_a_mask_with_16_bits_is_read_and_one_with_transparency_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mask.png"
+    cv2.imwrite(str(path), np.array([[0, 1], [255, 256]], np.uint16))
+    assert read_mask(path, 2, 2).tolist() == [[False, True], [True, True]]
+    for shape, mode in (((2, 2, 4), "RGBA"), ((2, 2, 2), "LA")):
+        pixels = np.full(shape, 255, np.uint8)
+        Image.fromarray(pixels, mode).save(path)
+        assert read_mask(path, 2, 2).all()
+        pixels[0, 0, -1] = 0
+        Image.fromarray(pixels, mode).save(path)
+        with pytest.raises(BadData, match="has transparent pixels"):
+            read_mask(path, 2, 2)
 
 
 def test_a_drawn_mask_of_uncropped_frames_covers_their_crop(clip: Clip, tmp_path: Path) -> None:
