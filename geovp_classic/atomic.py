@@ -19,6 +19,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
     try:
         yield scratch
         os.replace(scratch, path)
+    except OSError as problem:
+        if problem.filename == str(scratch):
+            problem.filename = str(path)  # which messages name
+        raise
     finally:
         if scratch.is_dir():
             shutil.rmtree(scratch, ignore_errors=True)

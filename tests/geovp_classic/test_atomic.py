@@ -32,6 +32,12 @@ def test_an_error_leaves_the_old_state(tmp_path: Path, is_folder: bool) -> None:
     assert (tmp_path / "file.txt").read_bytes() == b"whole"
 
 
+def test_errors_name_the_path_and_not_the_scratch(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError) as caught:
+        write_bytes(tmp_path, b"content")
+    assert caught.value.filename == str(tmp_path)
+
+
 def test_a_folder_replaces_an_empty_one(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
