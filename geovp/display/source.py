@@ -122,6 +122,7 @@ def _camera(request: PredictionRequest) -> Recording:
     """Return a recording of one frame, which is always the next image of a camera."""
     if not request.has_camera:
         raise BadData("a camera needs its intrinsics: give --fov, --calibration or --intrinsics")
+    request.refuse("a camera", "frame_rate_hz", "image_topic", "name_pattern", "image_bits")
     capture = cv2.VideoCapture(int(request.path.name))
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older images would only add delay
 

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,11 @@ from geovp.progress import announce
 from geovp.provenance import code_hash, versions
 from geovp_classic import registry
 from geovp_classic.api import SHOWN_BY, evaluate
+from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import bags
+from geovp_classic.data.frames.image_frames import image_files
 from geovp_classic.data.frames.undistortion import DistortedCamera
+from geovp_classic.data.layouts import detection
 from geovp_classic.data.layouts.folder import Folder
 from geovp_classic.data.layouts.rosbag import RosBag
 from geovp_classic.data.recordings import windows
@@ -227,6 +231,14 @@ def predict(request: PredictionRequest) -> Predicted:
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
     """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
     path, topic = request.path, request.image_topic
+    is_bag = bags.is_bag(path)
+    if path.is_dir() and not is_bag:
+        request.refuse("a folder of images", "image_topic")
+        _check_folder(path, request.frame_rate_hz)
+    elif is_bag:
+        request.refuse("a bag, which states its times", "frame_rate_hz", "name_pattern")
+    elif path.is_file():
+        request.refuse("a video", "image_topic")
     settings: dict[str, Any] = {
         "num_frames": 2,
         "image_bits": request.image_bits,
@@ -234,24 +246,37 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
         "intrinsics": (1000.0, 1000.0, 0.0, 0.0),
         "camera_height_m": request.camera_height_m,
     }
-    if not bags.is_bag(path):
-        if topic is not None:
-            raise BadData(f"{path} is not a bag: leave out --topic")
-        if path.is_dir() and request.frame_rate_hz is None:
-            raise BadData(f"{path} is a folder of images, which have no times: give --fps")
+    if not is_bag:
         settings["name_pattern"] = request.name_pattern
         folder = Folder(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
-        if len(folder.recordings) > 1:
-            names = ", ".join(folder.recordings)
-            raise BadData(f"{path} holds several folders of images: give one of {names:.300}")
         return next(iter(folder.recordings.values())), None
-    if request.frame_rate_hz is not None:
-        raise BadData(f"{path} states its times: leave out --fps")
     dataset = RosBag(path, image_topic=topic, pose_topic="", **settings)
     (recording,) = dataset.recordings.values()
     stored, bag = recording.intrinsics, bags.Bag(path)
     size_px = stored.width_px, stored.height_px
     return recording, bag.camera(bag.choose("image", topic), size_px)
+
+
+def _check_folder(path: Path, rate_hz: float | None) -> None:
+    """Raise BadData unless a folder has images of one recording, and their rate is given.
+
+    The message names what to give in place of a data set or of a folder of several recordings.
+    """
+    folders = [path, *sorted(path.glob("*/"))]
+    folders = [folder for folder in folders if image_files(folder)]
+    if path in folders or len(folders) == 1:
+        if rate_hz is None:
+            raise BadData(f"{path} is a folder of images, which have no times: give --fps")
+        return
+    layout, dataset = detection.detect(path)
+    inputs = [*dataset.folders().values()]
+    if layout not in ("folder", "rosbag", "videos"):
+        images = dataset.scan(inputs[0], Findings()).images
+        inputs = [image.parent for image in images[:1]] or inputs
+    content = "several folders of images" if layout == "folder" else f"a data set ({layout})"
+    raise BadData(
+        f"{path} holds {content}: give one recording, such as {', '.join(map(str, inputs)):.300}"
+    )
 
 
 def off_axis_deg(motion: Motion, max_turn_deg_s: float = 2.0) -> float | None:

@@ -54,6 +54,11 @@ class PredictionRequest:
         """Return whether an option describes the camera."""
         return bool(self.intrinsics or self.fov_deg or self.calibration)
 
+    def refuse(self, kind: str, *names: str) -> None:
+        """Raise BadData if a setting is given that has no meaning for the kind of the input."""
+        if given := [name for name in names if getattr(self, name) is not None]:
+            raise BadData(f"{self.path} is {kind}: leave out {', '.join(given)}")
+
     def frame_numbers(self, times_s: FloatArray) -> IntArray:
         """Return the numbers of the frames in use; the first observed or the last is among them."""
         anchor = len(times_s) - 1 if self.first is None else min(self.first, len(times_s) - 1)

@@ -3,6 +3,7 @@ nothing behind.
 """
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,42 @@ def test_mistakes_get_one_sentence_and_leave_nothing(
     given = words if "--past" in words else f"{words} {' '.join(SHORT)}"
     assert says in refused("predict", images, *given.split(), "--out", tmp_path / "out")
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", ["", "--fps 10"])
+def test_what_to_give_in_place_of_a_data_set_is_said(
+    words: str, images: Path, tmp_path: Path, refused: Says
+) -> None:
+    """KITTI has its images three folders below; a folder of bags has bags."""
+    shutil.copytree(images, tmp_path / "kitti/sequences/07/image_0")
+    for name in ("bags/a.bag", "bags/b.mcap", "videos/c.mp4", "videos/cameras.toml"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("[c]\nfov_deg = 60\n")
+    for name, advice in (
+        ("kitti", "a data set (kitti): give one recording, such as {}/sequences/07/image_0"),
+        ("bags", "a data set (rosbag): give one recording, such as {0}/a.bag, {0}/b.mcap"),
+        ("videos", "a data set (videos): give one recording, such as {}/c.mp4"),
+    ):
+        message = refused("predict", tmp_path / name, *words.split())
+        assert advice.format(tmp_path / name) in message
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "given"),
+    [
+        ("a.mp4", "--pattern *.png", "--pattern"),
+        ("a.mp4", "--bits 12", "--bits"),
+        ("a.mp4", "--topic /cam", "--topic"),
+        ("a.bag", "--fps 10 --pattern *.png", "--fps, --pattern"),
+    ],
+)
+def test_options_of_other_inputs_are_refused(
+    name: str, words: str, given: str, tmp_path: Path, refused: Says
+) -> None:
+    (tmp_path / name).touch()
+    message = refused("predict", tmp_path / name, *words.split())
+    assert "leave out" in message
+    assert given in message.partition("leave out")[2]
 
 
 def test_a_folder_with_something_in_it_is_not_written_over(

@@ -85,6 +85,8 @@ class Folder(SequenceDataset):
         reader = poses = None
         rate_hz = self.frame_rate_hz
         if folder.is_file():
+            if self.name_pattern or self.image_bits:
+                raise BadData(f"{folder} is a video: leave out name_pattern and image_bits")
             reader = VideoFrames(folder)
             images = reader.names
             if reader.times_s is None and self.intrinsics is None:  # the doctor's data set
