@@ -211,12 +211,9 @@ def predict(request: PredictionRequest) -> Predicted:
     size_px = request.size_px or output_size(recording.intrinsics)
     num_recorded = min(num_past + request.num_future, num_frames - first)
     clip = windows.cut(recording, first, num_recorded, size_px, with_full=request.with_full)
-    # The future has the frame rate of the past.
-    past_s = clip.times_s[:num_past]
-    future_s = past_s[-1] + np.diff(past_s).mean() * np.arange(1, request.num_future + 1)
     context = Context(
         frames=clip.frames[:num_past],
-        times_s=np.concatenate([past_s, future_s]),
+        times_s=times_of_clip(clip.times_s, num_past, request.num_future),
         intrinsics=clip.intrinsics,
         camera_height_m=clip.camera_height_m,
         full=clip.full and clip.full[:num_past],
@@ -226,6 +223,26 @@ def predict(request: PredictionRequest) -> Predicted:
     actual = clip.frames[num_past:]
     stored = int(numbers[first])
     return Predicted(request, predictor, camera, context, stored, prediction, scene, actual)
+
+
+def times_of_clip(
+    recorded_s: FloatArray,  # [P + F' <= P + F]
+    num_past: int,
+    num_future: int,
+    max_jitter: float = 0.25,  # of a step; also counts up the error of the past rate
+) -> FloatArray:
+    """Return the times [P + F] of a clip, of which the future has the frame rate of the past.
+
+    It has the recorded times where these are far from that, at a varying rate: predicted and
+    recorded frames are compared.
+    """
+    past_s, actual_s = np.split(recorded_s, [num_past])
+    step_s = np.diff(past_s).mean()
+    future_s = past_s[-1] + step_s * np.arange(1, num_future + 1)
+    if np.abs(actual_s - future_s[: len(actual_s)]).max(initial=0) > max_jitter * step_s:
+        future_s += actual_s[-1] - future_s[len(actual_s) - 1]
+        future_s[: len(actual_s)] = actual_s
+    return np.concatenate([past_s, future_s])
 
 
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:

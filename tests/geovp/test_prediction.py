@@ -144,6 +144,23 @@ def test_mistakes_get_one_sentence_and_leave_nothing(
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("actual_s", "future_s"),
+    [
+        ((), (0.3, 0.4, 0.5)),
+        ((0.301, 0.399), (0.3, 0.4, 0.5)),  # jitter of the container's unit
+        ((0.3, 0.34), (0.3, 0.34, 0.44)),  # 25 Hz from there on
+        ((0.5, 0.7, 0.9), (0.5, 0.7, 0.9)),
+    ],
+)
+def test_predicted_frames_have_the_times_of_recorded_ones(
+    actual_s: tuple[float, ...], future_s: tuple[float, ...]
+) -> None:
+    """Three frames are observed at 10 Hz, three are predicted."""
+    times_s = prediction.times_of_clip(np.array([0, 0.1, 0.2, *actual_s]), 3, 3)
+    np.testing.assert_allclose(times_s, [0, 0.1, 0.2, *future_s])
+
+
 @pytest.mark.parametrize("words", ["", "--fps 10"])
 def test_what_to_give_in_place_of_a_data_set_is_said(
     words: str, images: Path, tmp_path: Path, refused: Says
