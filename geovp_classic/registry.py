@@ -118,14 +118,9 @@ def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "
     name = name or kind.__name__
     if not dataclasses.is_dataclass(kind):
         raise BadData(f"{name} is not a dataclass: a component's fields are its settings")
-    hints = typing.get_type_hints(kind)
     fields = inspect.signature(kind).parameters
     values = {key: value for key, value in _defaults.get({}).items() if key in fields}
-    values |= settings
-    for key, value in values.items():
-        if key not in fields:
-            raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, fields)}")
-        values[key] = _value(value, hints[key], f"{where}.{key}")
+    values = values_of(kind, {**values, **settings}, where, name)
     for key, field in fields.items():
         if key not in values and field.default is field.empty:
             raise BadData(f"{where}: {name!r} needs the field {key!r}: add it to the table")
@@ -133,6 +128,18 @@ def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "
         return kind(**values)
     except GeovpError as error:
         raise type(error)(f"{where}: {error}") from error
+
+
+def values_of(kind: type, settings: Mapping[str, Any], where: str, name: str) -> dict[str, Any]:
+    """Return fields of a dataclass from a table of them; raise as `construct`."""
+    hints = typing.get_type_hints(kind)
+    fields = inspect.signature(kind).parameters
+    values = {}
+    for key, value in settings.items():
+        if key not in fields:
+            raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, fields)}")
+        values[key] = _value(value, hints[key], f"{where}.{key}")
+    return values
 
 
 def describe(component: Any) -> dict[str, Any]:

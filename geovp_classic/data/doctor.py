@@ -4,9 +4,10 @@ A loader stops at the first error of what it needs; the doctor reads every seque
 pose, and warns of content that no car or camera produces.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +53,7 @@ class Doctor:
     def examine(
         self,
         root: Path,
+        settings: Mapping[str, Any] | None = None,  # of the data set
         *,
         deep: bool = False,
         watch: Callable[[list[str]], Iterable[str]] = iter,
@@ -62,6 +64,7 @@ class Doctor:
         does). BadData only if the root holds no sequences at all.
         """
         _, dataset = detection.detect(root)
+        vars(dataset).update(settings or {})
         folders = dataset.folders()
         if not folders:
             raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
@@ -100,7 +103,7 @@ class Doctor:
         sizes_px: set[Size] = set()
         focals = set()
         for scan in scans.values():
-            camera_sizes_px = _image_sizes(scan, findings, deep, dataset.is_upright)
+            camera_sizes_px = _image_sizes(scan, findings, deep, dataset)
             sizes_px |= camera_sizes_px
             focals.add(self._examine_cameras(folder, scan, camera_sizes_px, findings))
         if is_readable and not first.cameras:
@@ -237,7 +240,7 @@ def _text(size_px: Size) -> str:
     return f"{size_px[0]}x{size_px[1]}"
 
 
-def _image_sizes(scan: Scan, findings: Findings, deep: bool, is_upright: bool) -> set[Size]:
+def _image_sizes(scan: Scan, findings: Findings, deep: bool, dataset: SequenceDataset) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
     The first and the last image, or with `deep` every one, are decoded. Images that are not files
@@ -248,9 +251,9 @@ def _image_sizes(scan: Scan, findings: Findings, deep: bool, is_upright: bool) -
         with findings.catch(path):
             must_decode = deep or path in (scan.images[0], scan.images[-1])
             if scan.reader is None:
-                size_px = image_size(path, is_upright=is_upright)
+                size_px = image_size(path, is_upright=dataset.is_upright)
                 if must_decode:
-                    read_image(path)
+                    read_image(path, dataset.image_bits)
             elif must_decode:
                 size_px = scan.reader.read(number).shape[1::-1]
             if sizes_px and size_px not in sizes_px:

@@ -1,18 +1,24 @@
 """Messages advise options that the command has: those of data sets are called as the command does."""
 
 import ast
+import dataclasses
 import re
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.cli import command_line, spelled, verbosity
+from geovp_classic.data.layouts import detection
+from tests.benchmarks.conftest import Command
 
 ROOT = Path(__file__).resolve().parents[2]
 # the command that raises the messages of a folder, a file or a function of it
 SOURCES = [
     ("predict", "geovp_classic/data", None),
+    ("doctor", "geovp_classic/data", None),
     ("predict", "geovp/prediction", None),
     ("display", "geovp_classic/data", None),
     ("display", "geovp/display", None),
@@ -33,7 +39,9 @@ def options_of(command: str) -> dict[str, list[str]]:
     return dict(parser.parse_args([command, *path]).options)
 
 
-def advised(place: str, function: str | None) -> set[str]:
+def advised(
+    place: str, function: str | None = None, pattern: str = r"(?<![\w-])--[a-z][a-z-]+(?![\w-])"
+) -> set[str]:
     """Return the options that the messages of a folder, a file or a function of it name."""
     path = ROOT / place
     names = set()
@@ -43,7 +51,7 @@ def advised(place: str, function: str | None) -> set[str]:
                 texts = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
                 for text in filter(lambda text: isinstance(text, str), texts):
                     # COLMAP's own options have an underscore
-                    names |= set(re.findall(r"(?<![\w-])--[a-z][a-z-]+(?![\w-])", text))
+                    names |= set(re.findall(pattern, text))
     return names
 
 
@@ -61,7 +69,7 @@ def test_all_packages_advise_options_of_some_command() -> None:
     names = {name for action in actions for name in action.option_strings}
     named = advised("geovp_classic", None) | advised("geovp", None)
     names |= {name for action in verbosity()._actions for name in action.option_strings}
-    assert {"--fov", "--camera-height", "--topic"} <= named <= names
+    assert {"--fov", "--camera-height", "--fps"} <= named <= names
 
 
 @pytest.mark.parametrize("command", ["predict", "display"])
@@ -74,6 +82,32 @@ def test_settings_of_data_sets_are_called_by_their_options(command: str) -> None
         ("give intrinsics = [fx, fy, cx, cy]", "give intrinsics = [fx, fy, cx, cy]"),
     ):
         assert spelled(message, options) == expected
+
+
+def test_settings_that_data_sets_advise_can_be_given() -> None:
+    """By an option of predict and display, which read no poses, or in the doctor's table."""
+    article = r"(?: an?| the| another| larger| smaller)*"
+    named = advised("geovp_classic/data", pattern=rf"(?:give|set|out){article} ([a-z]+_[a-z_]+)")
+    assert {"image_bits", "image_topic", "name_pattern", "frame_rate_hz"} <= named
+    kinds = detection.LAYOUTS.values()
+    fields = {field.name for kind in kinds for field in dataclasses.fields(kind)}
+    assert named <= fields
+    for command in ("predict", "display"):
+        assert named <= options_of(command).keys() | {"body_frame"}
+
+
+def test_the_doctor_takes_the_settings_that_it_advises(tmp_path: Path, command: Command) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((24, 32), 4000, np.uint16))
+    refused = command("doctor", tmp_path)
+    assert refused.code == 1
+    table = f'{{root = "{tmp_path}", image_bits = ...}}'
+    assert f"give settings as in: geovp doctor '{table}'" in refused.out
+    assert command("doctor", table.replace("...", "12")).code == 0
+    assert (
+        "'folder' has no field 'bits'"
+        in command("doctor", f'{{root = "{tmp_path}", bits = 12}}').err
+    )
 
 
 def test_other_commands_keep_the_names_of_tables() -> None:

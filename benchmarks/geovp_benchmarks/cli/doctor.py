@@ -6,19 +6,22 @@ archives of its official site, too; with --protocol, those that a published prot
 Examples:
   geovp doctor path/to/kitti
   geovp doctor path/to/kitti --deep
+  geovp doctor '{root = "path/to/images", image_bits = 12}'
   geovp doctor path/to/kitti_raw --protocol fvs20
   geovp doctor results/demo
 """
 
 import argparse
+import dataclasses
 
 from geovp.progress import tracked
-from geovp_benchmarks.cli.options import LinesAndCode
+from geovp_benchmarks.cli.options import LinesAndCode, root_and_settings
 
 ARGUMENTS = {
     "": {
-        "root FOLDER": (
-            "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, or results folder."
+        "root SPEC": (
+            "Folder of KITTI, Cityscapes, TUM, EuRoC, COLMAP or images, ROS bag, results folder, "
+            'or table of a data set as in TOML: {root = "...", image_bits = 12}.'
         )
     },
     "data sets": {
@@ -34,25 +37,33 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     """Print the findings; return 1 if something is wrong."""
     from geovp_benchmarks.checks import completeness
     from geovp_benchmarks.tables.formats import grid
+    from geovp_classic import registry
     from geovp_classic.data.doctor import Doctor
     from geovp_classic.data.layouts import detection
 
+    root, settings = root_and_settings(args.root)
     if args.protocol:
-        lines = completeness.missing_for_protocol(args.root, args.protocol)
-        yield from lines or [f"{args.root} has all that {args.protocol} needs"]
+        lines = completeness.missing_for_protocol(root, args.protocol)
+        yield from lines or [f"{root} has all that {args.protocol} needs"]
         return int(bool(lines))
-    if (args.root / "protocol.json").exists():
-        findings = [*completeness.examine_results(args.root)]
+    if (root / "protocol.json").exists():
+        findings = [*completeness.examine_results(root)]
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
-    diagnosis = Doctor().examine(args.root, deep=args.deep, watch=tracked)
+    name, dataset = detection.detect(root)
+    settings = registry.values_of(type(dataset), settings, "datasets", name)
+    diagnosis = Doctor().examine(root, settings, deep=args.deep, watch=tracked)
     rows = [list(row.values()) for row in diagnosis.rows]
     yield from grid([list(diagnosis.rows[0]), *rows])
     yield ""
     for finding in diagnosis.findings:
         yield f"{finding.severity}: {finding}"
+    # the commands that predict have options for some of the settings
+    for field in dataclasses.fields(dataset):
+        if "_" in field.name and any(field.name in str(each) for each in diagnosis.findings):
+            yield f"give settings as in: geovp doctor '{{root = \"{root}\", {field.name} = ...}}'"
+            break
     yield f"complete named splits: {', '.join(diagnosis.usable_splits) or 'none'}"
-    name, dataset = detection.detect(args.root)
-    yield from completeness.missing_archives(args.root, name, dataset.folders())
+    yield from completeness.missing_archives(root, name, dataset.folders())
     return int(not diagnosis.is_sound)

@@ -163,6 +163,13 @@ def spec(text: str) -> dict[str, Any] | str:
         raise argparse.ArgumentTypeError(f"{text} is not a table as in TOML ({error})") from error
 
 
+def root_and_settings(spec: dict[str, Any] | str) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the settings of a data set from its folder, or its table."""
+    settings = dict(spec) if isinstance(spec, dict) else {"root": spec}
+    root = settings.pop("root", None) or settings.pop("path", ".")
+    return Path(root), settings
+
+
 def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
     width, _, height = text.partition("x")

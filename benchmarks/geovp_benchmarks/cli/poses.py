@@ -10,10 +10,9 @@ Examples:
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.cli.options import Lines, number, option, shared
+from geovp_benchmarks.cli.options import Lines, number, option, root_and_settings, shared
 
 ARGUMENTS = {
     "": {
@@ -44,9 +43,8 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_classic.data.formats import pose_files
     from geovp_classic.data.layouts import detection
 
-    table = dict(args.root) if isinstance(args.root, dict) else {"root": args.root}
-    root = Path(table.pop("root", None) or table.pop("path", "."))
-    data: dict[str, Any] = {**detection.spec(root), "frame_step": args.frame_step, **table}
+    root, settings = root_and_settings(args.root)
+    data: dict[str, Any] = {**detection.spec(root), "frame_step": args.frame_step, **settings}
     if args.rate_hz is not None:
         data["rate_hz"] = args.rate_hz
     if args.clips is not None:

@@ -81,7 +81,7 @@ class Videos(PosedSequences):
         if len(named) != 1:
             raise BadData(
                 f"{self.root} has {len(named)} .toml or .json files, expected one with a table for "
-                "each video: give cameras = FILE"
+                "each video: call it cameras.toml"
             )
         return named[0]
 
