@@ -15,7 +15,7 @@ import yaml
 from PIL import ExifTags, Image
 
 from geovp_classic import files
-from geovp_classic.data.findings import RAISE, BadFile, Finding, parse_numbers
+from geovp_classic.data.findings import RAISE, parse_numbers
 from geovp_classic.data.frames.image_frames import Size
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -115,7 +115,8 @@ def read_entry(path: Path, name: str, count: int) -> FloatArray:
         if key == name:
             with RAISE.catch(path, line):
                 return parse_numbers(numbers, count)
-    raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
+    with RAISE.catch(path):
+        raise BadData(f"has no line '{name}:'")
 
 
 def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCamera, FloatArray]:
@@ -158,52 +159,60 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     `size_px` is the size of the images if the table lacks it, as ORB-SLAM's may. ValueError,
     KeyError or TypeError for unknown camera models and missing numbers.
     """
-    # ORB-SLAM has a prefix for each camera, of which the first is used, and VINS has two tables
-    prefixed = {name: value for name, value in table.items() if "2." not in name}
-    prefixed |= table.get("projection_parameters", {}) | table.get("distortion_parameters", {})
-    # OpenCV 2 and ROS 1 write capital letters
-    values = {name.rpartition(".")[2].lower(): value for name, value in prefixed.items()}
-
-    def first(*keys: str) -> Any:
-        return next((values[key] for key in keys if key in values), None)
-
+    # OpenCV 2 and ROS 1 write capital letters; of ORB-SLAM's two cameras, the first is used
+    values = {
+        re.sub(r".*\.|^image_", "", name.lower()): value
+        for name, value in table.items()
+        if "2." not in name
+    }
     if values.get("camera_model", "pinhole") != "pinhole":
         raise ValueError(f"camera_model is {values['camera_model']!r}, expected pinhole")
-    model = first("distortion_model") or "none"
-    # its name differs; a distortion that is overlooked would stay in the images
-    names = [name for name in values if re.fullmatch(r"d|dist\w*coef\w*", name)]
-    distortion = matrix_data(first(*names))
-    stated_px = first("image_width", "width"), first("image_height", "height")
-    slam_model = first("model_type", "type") or ("fx" in values and "PinHole")
-    if "intrinsics" in values:
-        numbers = values["intrinsics"]
-        stated_px = values["resolution"]
-    elif slam_model:
-        if slam_model not in SLAM_MODELS:
-            raise ValueError(f"it has the model {slam_model!r}, expected {', '.join(SLAM_MODELS)}")
-        model, parameters, coefficients = SLAM_MODELS[slam_model]
-        numbers = [values[name] for name in parameters.split()]
-        distortion = [values.get(name, 0.0) for name in coefficients.split()]
-    else:
-        matrix = matrix_data(first("camera_matrix", "k"))
-        if len(matrix) != 9:
-            raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
-        numbers = [matrix[at] for at in (0, 4, 2, 5)]
-        if float(values.get("fisheye_model", 0)):  # of OpenCV's calibration program
-            model = "fisheye"
-    if None in stated_px and size_px is not None:
-        stated_px = size_px
+    # all formats by the names of Kalibr and the ASL layout
+    if values.keys() & {"fx", "projection_parameters"}:
+        _rename_slam(values)
+    elif "intrinsics" not in values:
+        _rename_matrix(values)
+    model = values.get("distortion_model") or "none"
     if model not in MODELS:
         raise ValueError(f"its distortion_model is {model!r}, expected {', '.join(MODELS)}")
-    fx, fy, cx, cy = map(float, numbers)
+    # its name differs; a distortion that is overlooked would stay in the images
+    names = (name for name in values if re.fullmatch(r"d|dist\w*coef\w*", name))
+    distortion = matrix_data(values.get(next(names, "")))
+    stated_px = values.get("resolution", [values.get("width"), values.get("height")])
+    if None in stated_px and size_px is not None:
+        stated_px = size_px
+    fx, fy, cx, cy = map(float, values["intrinsics"])
     width_px, height_px = (round(float(side_px)) for side_px in stated_px)
+    view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
+    return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
+
+
+def _rename_slam(values: dict[str, Any]) -> None:
+    """Rename the values of ORB-SLAM, or of VINS, which has two tables."""
+    values |= values.get("projection_parameters", {}) | values.get("distortion_parameters", {})
+    name = values.get("model_type") or values.get("type", "PinHole")
+    if name not in SLAM_MODELS:
+        raise ValueError(f"it has the model {name!r}, expected {', '.join(SLAM_MODELS)}")
+    model, parameters, coefficients = SLAM_MODELS[name]
+    values["distortion_model"] = model
+    values["intrinsics"] = [values[name] for name in parameters.split()]
+    values["d"] = [values.get(name, 0.0) for name in coefficients.split()]
+
+
+def _rename_matrix(values: dict[str, Any]) -> None:
+    """Rename the values of OpenCV or ROS."""
+    matrix = matrix_data(values.get("camera_matrix", values.get("k")))
+    if len(matrix) != 9:
+        raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
+    if float(values.get("fisheye_model", 0)):  # of OpenCV's calibration program
+        values["distortion_model"] = "fisheye"
+    fx, _, cx, _, fy, cy, *_ = map(float, matrix)
     # ROS's region of interest is a part of the sensor that the matrix is about; 0: all of it
     sides = ("x_offset", "y_offset", "width", "height")
     left, top, *region_px = (int(values.get("roi", {}).get(side, 0)) for side in sides)
     if all(region_px):
-        cx, cy, (width_px, height_px) = cx - left, cy - top, region_px
-    view = Intrinsics(fx, fy, cx, cy, width_px, height_px)
-    return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
+        cx, cy, values["resolution"] = cx - left, cy - top, region_px
+    values["intrinsics"] = fx, fy, cx, cy
 
 
 def matrix_data(value: Any) -> list[Any]:
