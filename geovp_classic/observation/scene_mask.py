@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -69,7 +70,7 @@ def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
         raise BadData(
             f"mask {path} is not an image: give a PNG that is nonzero where no scene is shown"
         )
-    stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    stored: Any = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if stored.ndim == 3 and stored.shape[2] == 4 and np.ptp(stored[..., 3]):
         raise BadData(
             f"mask {path} has transparent pixels, which may mean either: give a PNG without "
