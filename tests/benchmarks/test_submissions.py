@@ -61,6 +61,20 @@ def test_submissions_become_rows_beside_the_others(
     assert all(f"| {label}" in printed("score", *other) for label in ("copy-last", "theirs"))
 
 
+def test_a_submission_replaces_no_other_method(
+    matrix: Path, tmp_path: Path, printed: Says, refused: Says
+) -> None:
+    out = tmp_path / "out"
+    printed("run", matrix, "--out", out, "--no-report")
+    for clip in Synthetic(num_clips=2, num_frames=5, size_px=(32, 32)):
+        for folder in ("a/theirs", "b/theirs"):
+            submit(tmp_path / folder, clip.name, clip.frames[[2, 2]], "npz")
+    words = ["--protocol", matrix, "--out", out]
+    assert "| theirs" in printed("score", tmp_path / "a/theirs", *words)
+    for label in ("theirs", "copy-last", "gt-3d--fusion"):
+        assert "--label" in refused("score", tmp_path / "b/theirs", *words, "--label", label)
+
+
 def test_missing_predictions_are_named(matrix: Path, tmp_path: Path, command: Command) -> None:
     (tmp_path / "theirs").mkdir()
     ended = command("score", tmp_path / "theirs", "--protocol", matrix, "--out", tmp_path / "out")

@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     from geovp_benchmarks.running.plan import Plan
     from geovp_benchmarks.running.run import run as run_matrix
     from geovp_classic import registry
+    from geovp_classic.errors import BadData
 
     name, content = files.read(args.protocol, args.set)
     content = {**papers.expanded(content)}
@@ -50,9 +51,15 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     submission |= {"num_samples": args.samples}
     if args.poses:
         submission["poses"] = str(args.poses.resolve())
+    # Submissions stand beside the others: none replaces a method of the matrix or of the folder.
+    results = Results(args.out or Path("results") / name)
+    stored = results.by_name().get(label) if results.begun else None
+    if label in content.get("predictors", {}) or (
+        stored and stored.asked.get("predictor", {}).get("path") != submission["path"]
+    ):
+        raise BadData(f"{results.root} has another method {label!r}: give another --label or --out")
     content["predictors"] = {**content.get("predictors", {}), label: submission}
     matrix = schema.parse(name, content).select(label)
-    results = Results(args.out or Path("results") / name)
     plan = Plan(matrix.override(root=args.root, device=args.device), results, args.limit)
     run_matrix(plan, registry.build("executors", args.workers))
     return (yield from conclude(results))
