@@ -87,7 +87,7 @@ def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.Mon
         ),
         (content(metrics={"frame": "psnr"}), "expected a list such as"),
         (content(predictors={}), "no complete method"),
-        (content(predictors={"a/b": "copy-last"}), r"predictors\.a/b is .* should match"),
+        (content(predictors={"a/b": "copy-last"}), r"predictors\.a/b is .* expected a name"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(wrong: dict[str, Any], says: str) -> None:

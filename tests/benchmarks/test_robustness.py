@@ -67,7 +67,7 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
         ("/images", "/nowhere", "nowhere"),
         ("[32, 32]", "[32, 16]", "expected a square"),
-        ("copy-last = {", f"{'x' * 300} = {{", "should match pattern"),
+        ("copy-last = {", f"{'x' * 300} = {{", "expected a name of up to 96"),
         (
             "intrinsics = [40",
             "intrinsics = [nan",

@@ -1,9 +1,10 @@
 """Types of the values in a matrix file."""
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from geovp_benchmarks.matrix import DEVICE
 
@@ -31,11 +32,19 @@ def _by_name(value: Any) -> Any:
     return named
 
 
+def _folder_name(name: str) -> str:
+    """Return the name of a folder; that of a method has two, and file systems allow 255 bytes."""
+    if not re.fullmatch(r"[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]{0,95}", name):
+        raise ValueError(
+            "expected a name of up to 96 letters, digits and _ + = , . - without spaces"
+        )
+    return name
+
+
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
-# The name of a method has two of these, and file systems allow 255 bytes.
-FolderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]{0,95}$")]
+FolderName = Annotated[str, AfterValidator(_folder_name)]
 Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 Device = Annotated[str, Field(pattern=DEVICE)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]
