@@ -94,6 +94,23 @@ class TestRun:
             assert len(scores) == num_rows
             query = "SELECT value FROM scores WHERE method = 'still' AND clip = 'road/003'"
             assert duckdb.sql(query).fetchall() == [(1.0,), (2.0,)]
+            printed("export", tmp_path / "out", "--method", "still", "--out", path)
+            methods = duckdb.sql(f"SELECT DISTINCT method FROM read_csv('{path}')")
+            assert methods.fetchall() == [("still",)]
+
+    def test_options_without_effect_are_refused(
+        self, tmp_path: Path, printed: Says, refused: Says
+    ) -> None:
+        printed(*run(tmp_path))
+        out = tmp_path / "out"
+        lines = printed("table", out, "--per", "clip", "--format", "csv").splitlines()
+        assert lines[0].startswith("clip,")
+        assert {line.partition(",")[0] for line in lines[1:6]} == {f"road/00{k}" for k in range(5)}
+        for words in ("--per clip --steps 1", "--per clip --format tex", "--paper fvs20 --by kind"):
+            assert words.split()[2] in refused("table", out, *words.split())
+        text = printed("table", out, "--against", "still", "--spread", "standard-error")
+        assert "±" in text
+        assert "--limit" in refused("export", out, "--limit", "1", "--out", tmp_path / "a.csv")
 
 
 @pytest.mark.usefixtures("toys")
@@ -175,6 +192,9 @@ WRONG = [
     "walk",
     "run",
     "run x.toml --limit 0",
+    "run x.toml --time-limit nan",
+    "run x.toml --time-limit 0",
+    "table x --per step",
     "table",
 ]
 WRONG += ["verify x --seed -1", "verify x --tolerance inf"]

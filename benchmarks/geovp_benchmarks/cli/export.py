@@ -21,37 +21,38 @@ ARGUMENTS = {
         "--format csv|parquet|conditions = csv": "Format.",
         "--out FILE": option("File for the table, or folder for conditions.", required=True),
     },
-    "conditions": {
-        "--method METHOD": "Method, by its name in tables. Default: the only.",
-        **shared("--root", "--limit"),
+    "selection": {
+        "--method METHOD": "Method, by its name in tables. Default: all; of conditions the only."
     },
+    "conditions": shared("--root", "--limit"),
 }
 
 
 def run(args: argparse.Namespace) -> Lines:
     """Write the file or files, and print their paths."""
+    from geovp_benchmarks.results.store import Results
+    from geovp_classic.errors import BadData
+
+    results = Results(args.folder).select(*filter(None, [args.method]))
     # Conditions of a video generator, computed again from the stored settings.
     if args.format == "conditions":
         from geovp_benchmarks.matrix.stored import matrix_of
-        from geovp_benchmarks.results.store import Results
         from geovp_benchmarks.running.conditions import write_conditions
-        from geovp_classic.errors import BadData
 
-        stored = Results(args.folder).select(*filter(None, [args.method]))
-        if len(stored.methods()) != 1:
-            labels = ", ".join(method.label for method in stored.methods())
+        if len(results.methods()) != 1:
+            labels = ", ".join(method.label for method in results.methods())
             raise BadData(f"--format conditions needs one --method: give one of {labels}")
-        matrix = matrix_of(stored, stored.methods()[0], args.root)
+        matrix = matrix_of(results, results.methods()[0], args.root)
         yield from map(str, write_conditions(matrix, args.out, args.limit))
         return
+    if args.root or args.limit:
+        raise BadData("--root and --limit are those of --format conditions: leave them out")
     # All scores in one table, a method at a time.
     import duckdb
     import numpy as np
 
-    from geovp_benchmarks.results.store import Results
     from geovp_classic.atomic import atomic_write
 
-    results = Results(args.folder)
     with duckdb.connect() as database, atomic_write(args.out) as scratch:
         types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
         database.execute(f"CREATE TABLE scores ({types})")

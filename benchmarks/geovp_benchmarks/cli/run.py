@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from geovp.progress import announce
 from geovp_benchmarks.cli.messages import logger, terminal_width
-from geovp_benchmarks.cli.options import LinesAndCode, option, shared
+from geovp_benchmarks.cli.options import LinesAndCode, number, option, shared
 
 if TYPE_CHECKING:
     from geovp_benchmarks.results.store import Results
@@ -37,6 +37,7 @@ ARGUMENTS = {
             "Seconds that a clip may take before it counts as failed. Default: 20 times the "
             "median of the clips before, at least 120.",
             dest="limit_s",
+            type=number(0.01, kind=float),
         ),
         "--fresh": "Recompute results of other versions of the code.",
         "--dry-run": "Print what would be computed and about how long, only.",

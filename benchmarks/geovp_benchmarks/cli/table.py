@@ -7,7 +7,7 @@ Examples:
   geovp table results/demo --against copy-last
   geovp table results/demo --steps 1 5 10 20 --metrics psnr
   geovp table results/demo --steps 1 5 10 20 --metrics psnr --against copy-last
-  geovp table results/demo --per clip --methods copy-last
+  geovp table results/demo --per clip --methods copy-last --format csv
   geovp table results/demo --by turning --metrics psnr coverage --format tex
 """
 
@@ -15,14 +15,17 @@ import argparse
 import os
 
 from geovp_benchmarks.cli.messages import terminal_width
-from geovp_benchmarks.cli.options import SELECTION, Lines, shared
+from geovp_benchmarks.cli.options import SELECTION, Lines, option, shared
+from geovp_classic.errors import BadData
 
 ARGUMENTS = {
     "": shared("folder"),
     "selection": {
         **SELECTION,
         "--steps NUMBER...": "Scores of these steps alone. Default: means over all steps.",
-        "--per clip": "A row for each clip, the worst first. Default: means over clips.",
+        "--per clip": option(
+            "A row for each clip, the worst first. Default: means over clips.", choices=["clip"]
+        ),
         "--seeds": (
             "Average methods that differ by a number at the end of a name, such as net-0 and "
             "net-1: training seeds, whose variance enters the intervals."
@@ -38,16 +41,27 @@ ARGUMENTS = {
     },
 }
 
+# Options that another one leaves without effect.
+EXCLUDED = {
+    "per": ("paper", "against", "steps", "seeds", "strict", "spread", "label", "caption"),
+    "paper": ("metrics", "by", "against", "steps", "seeds", "strict", "spread"),
+}
+
 
 def run(args: argparse.Namespace) -> Lines:
     """Print the tables; write them if nothing was selected."""
+    for name in (name for name in EXCLUDED if getattr(args, name)):
+        for other in EXCLUDED[name]:
+            if getattr(args, other) not in (None, False, [], "interval"):
+                raise BadData(f"--{name} does not go with --{other}: leave out one of them")
+    if args.per and args.format == "tex":
+        raise BadData("--per clip has no --format tex: give md or csv")
     # starting threads and looking for plug-ins take a tenth of the time of a table
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     from geovp_benchmarks.results.store import Results
     from geovp_benchmarks.statistics import strata
     from geovp_benchmarks.tables import clips, formats, tables
-    from geovp_classic.errors import BadData
 
     results = Results(args.folder).select(*args.methods)
     groups = strata.divide(results, args.by) if args.by else [results]
@@ -62,6 +76,9 @@ def run(args: argparse.Namespace) -> Lines:
             lines = clips.per_clip(group, args.metrics)
             if not lines:
                 raise BadData(f"{results.root} has no scores: run it, or give other --metrics")
+            if args.format == "csv":
+                yield formats.comma_separated_lines(lines)
+                continue
             heading = f"## {group.protocol()['name']}: clips, the worst first"
             yield "\n".join([heading, *formats.blocks(lines, terminal_width()), ""])
         return
@@ -70,7 +87,7 @@ def run(args: argparse.Namespace) -> Lines:
 
         shown = published.build(results, args.paper)
     elif args.against:
-        shown = [tables.against(group, args.against, **options) for group in groups]
+        shown = [tables.against(group, args.against, args.spread, **options) for group in groups]
     elif args.by:
         shown = [tables.build(group, args.spread, **options)[0] for group in groups]
     else:

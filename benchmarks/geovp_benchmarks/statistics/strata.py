@@ -30,6 +30,8 @@ FACTS = {  # in words, and their units
     "seen": ("fraction of pixels seen before", ""),
     "moving": ("fraction of pixels of moving objects", ""),
     "masked": ("fraction of pixels fixed to the camera", ""),
+    "disoccluded": ("fraction of disoccluded pixels", ""),
+    "static": ("fraction of static pixels", ""),
 }
 
 

@@ -8,7 +8,7 @@ import functools
 import io
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +139,12 @@ def comma_separated(table: Table) -> str:
                 if name not in ("values", "seeds")
             }
         records.append(record)
+    names = records[0] if records else {}
+    return comma_separated_lines([[*names], *([*record.values()] for record in records)])
+
+
+def comma_separated_lines(lines: Iterable[Sequence[Any]]) -> str:
+    """Return the cells of a grid as CSV."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, records[0] if records else (), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
+    csv.writer(stream, lineterminator="\n").writerows(lines)
     return stream.getvalue()

@@ -50,6 +50,7 @@ def build(
 def against(
     results: Results,
     name: str,
+    spread: str = "interval",
     *,
     strict: bool = False,
     metrics: Sequence[str] = (),
@@ -100,7 +101,9 @@ def against(
         names = ", ".join(map(stored_facts.title, exact))
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
-    table = Table("against", heading, columns, methods, marked=starred, has_differences=True)
+    table = Table(
+        "against", heading, columns, methods, (), starred, spread=spread, has_differences=True
+    )
     return explained(table, results, notes)
 
 
