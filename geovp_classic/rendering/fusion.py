@@ -78,7 +78,7 @@ def hidden_from(
     """
     pixels, ratio = later.project(inverse_depth, source.world_from_source, source.camera)
     u, v = cv2.split(pixels)
-    # The inverse depth of what the later frame shows there. Outside its image it is infinite: all
+    # The inverse depth of what the later frame shows there. Outside its image it is huge: all
     # surfaces are behind the border.
     shown_inverse_depth = cv2.remap(
         later_inverse_depth,
@@ -86,7 +86,7 @@ def hidden_from(
         v,
         cv2.INTER_NEAREST,
         borderMode=cv2.BORDER_CONSTANT,
-        borderValue=np.inf,
+        borderValue=1e30,
     )
     # Depths along the source's rays are those along the later frame's rays over the ratio.
     is_behind = inverse_depth < ratio * shown_inverse_depth * (1 - max_depth_difference)

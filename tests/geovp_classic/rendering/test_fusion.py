@@ -9,7 +9,7 @@ from geovp_classic.depth.given import Given
 from geovp_classic.geometry import se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from geovp_classic.rendering.fusion import close_cracks, fuse, smooth
+from geovp_classic.rendering.fusion import close_cracks, fuse, hidden_from, smooth
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.rendering.rasterizer import NO_INDEX
 from geovp_classic.rendering.source import Source
@@ -56,6 +56,15 @@ def test_earlier_surfaces_are_added_only_behind_later_ones(factor: float, is_add
     assert used == ([1, 0] if is_added else [1])
     columns, rows = cloud.pixels[cloud.source == 0].astype(int).T
     assert not ((rows == 1) & (columns >= 2) & (columns < 4)).any()
+
+
+def test_points_in_the_plane_of_a_camera_are_hidden_from_it() -> None:
+    """Their depth in the later frame, which stands where they are, is exactly 0."""
+    frame = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
+    source, later = (Source(frame, CAMERA, pose) for pose in at((0.0, 0.0), (0.0, 2.0)))
+    inverse_depth = np.full(frame.shape[:2], 0.5, np.float32)
+    with np.errstate(invalid="raise"):
+        assert hidden_from(later, inverse_depth, source, inverse_depth, 0.1).all()
 
 
 @pytest.mark.parametrize("turn_deg", [40, 48])
