@@ -195,6 +195,7 @@ WRONG = [
     "run x.toml --time-limit nan",
     "run x.toml --time-limit 0",
     "table x --per step",
+    "plot x --width 5000",
     "table",
 ]
 WRONG += ["verify x --seed -1", "verify x --tolerance inf"]

@@ -18,8 +18,8 @@ ARGUMENTS = {
     "output": {
         "--format pdf|svg|png": "Format. Default: png and svg.",
         "--width INCHES": option(
-            "Width in a paper, at least 2.5, without titles. Default: with titles.",
-            type=number(2.5, kind=float),
+            "Width in a paper, from 2.5 to 40, without titles. Default: with titles.",
+            type=number(2.5, 40, float),
         ),
     },
 }

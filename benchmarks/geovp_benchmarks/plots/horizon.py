@@ -1,5 +1,7 @@
 """Figures of scores over the horizon: means of methods, by strata, and paired differences."""
 
+import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -111,6 +113,9 @@ def score_pages(groups: Sequence[Material], metric: str) -> list[Page]:
         page = Page(f"{kind}-{metric}", metric, title, subtitle, formats)
         axes = draw(page, curves, options, material.step_s)
         unit = "s" if material.step_s else "frames"
+        # The vertical axis is short; units and arrows stay with their words.
+        y_label = re.sub(r" (?=[(↑↓])", "\N{NO-BREAK SPACE}", y_label)
+        y_label = textwrap.fill(y_label, int(7 * page.figure.get_figwidth()))
         axes.set(xlabel=f"horizon ({unit})", ylabel=y_label)
         if options.against:
             axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)

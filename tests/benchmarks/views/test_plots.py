@@ -116,7 +116,7 @@ class TestHorizon:
         against = draw(copied, Options(against="copy-last"))
         assert against.keys() == {"against-horizon-psnr"}
         label = against["against-horizon-psnr"].figure.axes[0].get_ylabel()
-        assert label == "difference in PSNR (dB) ↑"
+        assert " ".join(label.split()) == "difference in PSNR (dB) ↑"
         page = against["against-horizon-psnr"]
         labels = [label.partition(" (")[0] for label in legend(page)]
         gains = dict(zip(labels, (line[-1] for line in lines(page)[:4]), strict=True))
@@ -134,6 +134,15 @@ class TestHorizon:
             box, whole = page.figure.legends[0].get_window_extent(), page.figure.bbox
             assert whole.x0 <= box.x0 < box.x1 <= whole.x1
             assert whole.y0 <= box.y0 < box.y1 <= page.figure.axes[0].get_window_extent().y0
+
+    @pytest.mark.parametrize("width_in", [None, 2.5, 3.3])
+    def test_long_words_on_the_axis_lie_inside_the_figure(
+        self, copied: Path, width_in: float | None
+    ) -> None:
+        [page] = draw(copied, Options(width_in=width_in, against="copy-last")).values()
+        page.figure.canvas.draw()
+        box = page.figure.axes[0].yaxis.label.get_window_extent()
+        assert page.figure.bbox.y0 <= box.y0 < box.y1 <= page.figure.bbox.y1
 
     def test_few_methods_with_copy_last_and_the_best_without_truth(self, copied: Path) -> None:
         """Kalman is 1 dB better than the others and has no privileged input."""
