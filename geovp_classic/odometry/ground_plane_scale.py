@@ -95,7 +95,7 @@ class GroundPlane:
         pitch_rad: float = 0.0,
     ) -> ScaleEstimator:
         """Return an estimator for one camera; raise Incompatible if its height is unknown."""
-        if camera_height_m is None or not camera_height_m > 0:
+        if camera_height_m is None:
             raise Incompatible(
                 "the ground-plane scale needs the camera's height above the road, which this clip "
                 "lacks: give the data set's camera_height_m (`geovp predict --camera-height`) or "

@@ -70,14 +70,23 @@ def store_rigid(
     owner: object,
     field: str,
     num_axes: int,
-    tolerance: float = 1e-4,  # KITTI writes 7 digits
 ) -> None:
     """Check that a field holds rigid, finite transforms [..., 4, 4], and make it read-only."""
-    poses = np.asarray(getattr(owner, field), dtype=np.float64)
+    name = f"{_name(owner)}: {field}"
+    store(owner, field, checked_rigid(name, getattr(owner, field), num_axes))
+
+
+def checked_rigid(
+    name: str,
+    transforms: Any,
+    num_axes: int,
+    tolerance: float = 1e-4,  # KITTI writes 7 digits
+) -> FloatArray:
+    """Return transforms [..., 4, 4] that are rigid and finite; else raise BadData."""
+    poses = np.asarray(transforms, dtype=np.float64)
     if poses.ndim != num_axes or poses.shape[-2:] != (4, 4):
         raise BadData(
-            f"{_name(owner)}: {field} has shape {poses.shape}, expected {num_axes} axes, the last "
-            "two of 4"
+            f"{name} has shape {poses.shape}, expected {num_axes} axes, the last two of 4"
         )
     rotation = poses[..., :3, :3]
     is_rigid = (
@@ -89,10 +98,10 @@ def store_rigid(
     if not is_rigid.all():
         index = np.argwhere(~is_rigid)[0].tolist()
         raise BadData(
-            f"{_name(owner)}: pose {index} of {field} is not rigid and finite: expected a rotation "
-            "matrix, a translation and a last row 0 0 0 1"
+            f"{name}: pose {index} is not rigid and finite: expected a rotation matrix, a "
+            "translation and a last row 0 0 0 1"
         )
-    store(owner, field, poses)
+    return poses
 
 
 def rotation_defect(rotation: FloatArray) -> FloatArray:

@@ -79,13 +79,9 @@ class Clip(ShortRepr):
         store_checked(self, "depths", np.float32, shape[:3])
         store_checked(self, "moving", bool, shape[:3])
         store_times(self, len(self))
+        _check_height(self)
         for field in ("trajectory", "full", "right"):
-            value = getattr(self, field)
-            if value is not None and len(value) != len(self):
-                raise BadData(
-                    f"{self.name}: {field} has {len(value)} steps for {len(self)} frames, expected "
-                    "the same number"
-                )
+            _check_steps(self, field, len(self))
 
     def __len__(self) -> int:
         """Return T, the number of frames."""
@@ -179,10 +175,16 @@ class Context(ShortRepr):
         store_times(self)
         if self.steps is None:
             object.__setattr__(self, "steps", np.arange(self.num_past))
-        if self.num_future < 1:
+        if not 1 <= self.num_past < len(self.times_s):
             raise BadData(
-                f"context: {len(self.times_s)} times for {self.num_past} frames, expected more"
+                f"context: {len(self.times_s)} times for {self.num_past} frames, expected at least "
+                "one frame, and more times"
             )
+        _check_height(self)
+        for field in ("past", "past_depths", "full", "right"):
+            _check_steps(self, field, self.num_past)
+        for field in ("future", "future_frames", "future_full"):
+            _check_steps(self, field, self.num_future)
 
     @property
     def num_past(self) -> int:
@@ -251,6 +253,25 @@ class Target(ShortRepr):
     trajectory: Trajectory | None = None  # [F]
     depths: FloatArray | None = None  # [F, H, W]
     moving: BoolArray | None = None  # [F, H, W]
+
+
+def _check_steps(owner: Clip | Context, field: str, count: int) -> None:
+    """Check that a field has as many steps as there are frames; skip None."""
+    value = getattr(owner, field)
+    if value is not None and len(value) != count:
+        raise BadData(
+            f"{owner.name or 'context'}: {field} has {len(value)} steps, expected {count}"
+        )
+
+
+def _check_height(owner: Clip | Context) -> None:
+    """Check the height of the camera, if it is known."""
+    height_m = owner.camera_height_m
+    if height_m is not None and not 0 < height_m < np.inf:
+        raise BadData(
+            f"{owner.name or 'context'}: camera_height_m is {height_m}, expected more than 0, or "
+            "None if it is not known"
+        )
 
 
 def _shape(frames: ByteArray, camera: Intrinsics) -> tuple[int, ...]:

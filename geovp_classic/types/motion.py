@@ -34,6 +34,8 @@ class Intrinsics:
         is_finite = np.isfinite(self.matrix).all()
         if not is_finite or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
             raise BadData(f"{self} must be finite, with positive focal lengths and sizes")
+        if not all(isinstance(size, (int, np.integer)) for size in (self.width_px, self.height_px)):
+            raise BadData(f"{self} must have a whole number of pixels: give sizes as int")
 
     @property
     def matrix(self) -> FloatArray:

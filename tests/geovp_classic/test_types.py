@@ -52,9 +52,9 @@ def full_clip(num_steps: int = 6) -> Clip:
 def test_poses_are_rigid_and_finite(row: int, column: int, value: float) -> None:
     poses = np.tile(IDENTITY, (2, 3, 1, 1))
     poses[1, 2, row, column] = value
-    with pytest.raises(BadData, match=r"pose \[2\] of world_from_cam is not rigid"):
+    with pytest.raises(BadData, match=r"world_from_cam: pose \[2\] is not rigid"):
         Trajectory(poses[1], np.arange(3.0), True)
-    with pytest.raises(BadData, match=r"pose \[1, 2\] of futures is not rigid"):
+    with pytest.raises(BadData, match=r"futures: pose \[1, 2\] is not rigid"):
         Motion(trajectory(2), poses, np.ones(2, bool))
 
 
@@ -114,6 +114,7 @@ def test_a_context_can_be_reduced_to_some_frames() -> None:
         {"moving": np.ones((3, 24, 31), bool)},
         {"full": full_clip(2).full},
         {"times_s": np.arange(2)},
+        {"camera_height_m": -1.0},
     ],
 )
 def test_a_clip_refuses_fields_that_do_not_fit(fields: dict[str, Any]) -> None:
@@ -121,7 +122,25 @@ def test_a_clip_refuses_fields_that_do_not_fit(fields: dict[str, Any]) -> None:
         replace(full_clip(3), **fields)
 
 
-def test_intrinsics_are_positive_and_finite() -> None:
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"frames": np.zeros((0, 24, 32, 3), np.uint8)},
+        {"times_s": np.arange(2)},
+        {"past": trajectory(3)},
+        {"future": trajectory(2)},
+        {"camera_height_m": float("nan")},
+    ],
+)
+def test_a_context_refuses_fields_that_do_not_fit(fields: dict[str, Any]) -> None:
+    context, _ = full_clip(3).split(2, ~PrivilegedInput.NONE)
+    with pytest.raises(BadData, match="expected"):
+        replace(context, **fields)
+
+
+def test_intrinsics_are_positive_finite_and_of_whole_pixels() -> None:
+    with pytest.raises(BadData, match="whole number of pixels"):
+        Intrinsics(50, 50, 1, 1, 4, 4.0)
     for numbers in ((0, 50, 1, 1, 4, 4), (50, 50, float("nan"), 1, 4, 4), (50, 50, 1, 1, 0, 4)):
         with pytest.raises(BadData, match="positive"):
             Intrinsics(*numbers)
