@@ -22,8 +22,8 @@ def read_commands(path: Path) -> list[Command]:
         if first != header or not any(lines):
             raise ValueError(f"its first line is {first!r}, before {len(lines)} others")
         table = np.loadtxt(lines, delimiter=",", ndmin=2)
-        if not np.isfinite(table).all() or (np.diff(table[:, 0]) < 0).any():
-            raise ValueError("a number is not finite, or times decrease")
+        if (np.diff(table[:, 0]) < 0).any():
+            raise ValueError("times decrease")
         return [Command(*row) for row in table.tolist()]
 
 

@@ -19,6 +19,10 @@ class Command:
     speed_m_s: float  # negative: in reverse
     yaw_rate_rad_s: float  # positive: to the right
 
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.time_s, self.speed_m_s, self.yaw_rate_rad_s]).all():
+            raise BadData(f"{self} must be finite: leave out commands that are not known")
+
 
 def commanded_poses(
     commands: Sequence[Command],  # in increasing time, at least one

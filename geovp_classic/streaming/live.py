@@ -19,6 +19,7 @@ from geovp_classic.streaming.present import LiveState, Present, forecast
 from geovp_classic.streaming.recent_frames import Frame, RecentFrames, Status
 from geovp_classic.streaming.settings import LiveSettings
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+from geovp_classic.types.arrays import checked_rigid
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,9 @@ class LivePredictor:
         another shape.
         """
         self._check(frame, time_s)
-        added = Frame(np.array(frame), float(time_s))
+        image = np.array(frame)
+        image.flags.writeable = False  # a view may show it
+        added = Frame(image, float(time_s))
         seconds: dict[str, float] = {}
 
         # Ignore a late frame; after a gap, views show the new one until it is reconstructed
@@ -150,13 +153,17 @@ class LivePredictor:
         """Return what the camera sees at a time, after the forecast motion since the last frame.
 
         Commands replace the forecast, and so does a motion in metres that is known otherwise, such
-        as from an IMU. Raise Incompatible before the first frame, or where these need the camera's
-        height.
+        as from an IMU. The arrays of a view are read-only. Raise Incompatible before the first
+        frame, or where these need the camera's height; BadData for other input.
         """
         state = self._state
         newest, present = state.newest, state.present
         if newest is None:
             raise Incompatible("there is no frame yet: push one before the first view")
+        if not np.isfinite(time_s):
+            raise BadData(f"the time of the view is {time_s}, expected seconds")
+        if last_from_present is not None:
+            last_from_present = checked_rigid("last_from_present", last_from_present, 2)
         is_given = bool(commands) or last_from_present is not None
         if is_given and self._height_m is None:
             raise Incompatible(
@@ -205,9 +212,10 @@ class LivePredictor:
     def _check(self, frame: ByteArray, time_s: float) -> None:
         camera = self.intrinsics
         shape = (camera.height_px, camera.width_px, 3)
-        if np.shape(frame) != shape or frame.dtype != np.uint8:
+        image = np.asarray(frame)
+        if image.shape != shape or image.dtype != np.uint8:
             raise BadData(
-                f"the frame is {frame.dtype} {np.shape(frame)}, expected uint8 {shape}: resize it, "
+                f"the frame is {image.dtype} {image.shape}, expected uint8 {shape}: resize it, "
                 "or give the intrinsics of this size"
             )
         if not np.isfinite(time_s):

@@ -229,3 +229,17 @@ def test_bad_input_is_explained(live: LivePredictor, clip: Clip) -> None:
         live.push(clip.frames[0], float("nan"))
     with pytest.raises(BadData, match="sort them"):
         live.view(clip.times_s[10], [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)])
+    with pytest.raises(BadData, match="must be finite"):
+        Command(0.0, float("nan"), 0.0)
+    with pytest.raises(BadData, match="time of the view is nan"):
+        live.view(float("nan"))
+    with pytest.raises(BadData, match="last_from_present: pose"):
+        live.view(clip.times_s[10], last_from_present=2 * np.eye(4))
+
+
+def test_drawing_into_a_late_image_does_not_change_the_predictor(clip: Clip) -> None:
+    live = LivePredictor(clip.intrinsics)
+    live.push(clip.frames[0], 0.0)
+    with pytest.raises(ValueError, match="read-only"):
+        live.view(0.0).frame[:] = 0
+    np.testing.assert_array_equal(live.view(0.0).frame, clip.frames[0])
