@@ -53,7 +53,7 @@ def predict(
     pose_source: PoseSource | Spec | None = None,
     renderer: Renderer | Spec = "depth-fusion",
     num_samples: int = 1,
-    mask: Path | None = None,
+    mask: Path | str | None = None,
     hindcast: Hindcast | None = DEFAULT_HINDCAST,
 ) -> Prediction:
     """Predict frames [S, F, H, W, 3] for the future times of the context.
@@ -67,13 +67,20 @@ def predict(
     from the first ones: a warning is logged, and `is_trusted` of the prediction is False. With
     `hindcast=None`, each scene is shown.
     """
+    if not isinstance(context, Context):
+        raise BadData(
+            f"predict needs a Context, but a {type(context).__name__} was given: give the first "
+            "part of `clip.split(...)`"
+        )
+    if not num_samples >= 1:
+        raise BadData(f"num_samples is {num_samples}: give 1 or more")
     # Track, forecast, refine and render, with a hindcast of the result
     if pose_source is None:
         pose_source = default_pose_source(context.camera_height_m is not None)
     predictor = GeometricPredictor(
         _build("pose_sources", pose_source),
         _build("renderers", renderer),
-        Observer(mask=mask),
+        Observer(mask=None if mask is None else Path(mask)),
         hindcast,
     )
     prediction = predictor.predict(context, num_samples)
@@ -93,28 +100,33 @@ def evaluate(
     metrics: Sequence[Spec] = ("psnr", "ssim"),
 ) -> dict[str, FloatArray]:
     """Return the values [S, F] of each frame metric by name, for each sample and future step."""
-    values = {}
-    for spec in metrics:
+    values: dict[str, FloatArray] = {}
+    for spec in [metrics] if isinstance(metrics, str) else metrics:
         metric: FrameMetric = registry.build("frame_metrics", spec)
         name = spec if isinstance(spec, str) else spec["name"]
+        if name in values:
+            raise BadData(f"the metric {name!r} is given twice: evaluate each variant by itself")
         samples = [metric(frames, target.frames, None) for frames in prediction.frames]
         values[name] = np.stack(samples)
     return values
 
 
-def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) -> Image.Image:
+def show(
+    shown: Clip | Context | Target | Prediction, num_frames: int = 6, max_samples: int = 5
+) -> Image.Image:
     """Draw a film strip of frames evenly spaced from the first to the last, for a notebook.
 
-    A clip is one row, labelled with seconds since its first frame. A prediction has one row per
-    sample, labelled with the number of the future frame.
+    A clip or context is one row, labelled with seconds since its first frame; a target is one that
+    is labelled with the number of the future frame. A prediction has such a row per sample.
     """
-    if num_frames < 1:
-        raise BadData(f"num_frames is {num_frames}: give 1 or more")
-    if isinstance(shown, Clip):
-        rows = shown.frames[None]
+    if min(num_frames, max_samples) < 1:
+        raise BadData(
+            f"num_frames is {num_frames} and max_samples {max_samples}: give 1 or more of each"
+        )
+    rows = shown.frames[:max_samples] if isinstance(shown, Prediction) else shown.frames[None]
+    if isinstance(shown, (Clip, Context)):
         labels = [f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]]
     else:
-        rows = shown.frames[:max_samples]
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]
     steps = np.linspace(0, rows.shape[1] - 1, num_frames)
     steps = np.unique(steps.round().astype(int))
@@ -135,4 +147,10 @@ def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) ->
 def _build(role: str, component: object) -> Any:
     if isinstance(component, (str, Mapping)):
         return registry.build(role, component)
+    protocol = registry.PROTOCOL_OF_ROLE[role]
+    if isinstance(component, type) or not isinstance(component, protocol):
+        raise BadData(
+            f"{component!r} is none of the {role}: give a name, a table, or an object with the "
+            f"attributes of interfaces.{protocol.__name__}"
+        )
     return component

@@ -65,6 +65,19 @@ class TestPredict:
         motion = geovp.predict(context).motion
         assert motion.past.is_metric == (needs is CAMERA_HEIGHT)
 
+    def test_arguments_of_another_kind_are_explained(self, clip: geovp.Clip) -> None:
+        context, _ = clip.split(6, geovp.PrivilegedInput.NONE)
+        with pytest.raises(BadData, match="the first part of"):
+            geovp.predict(clip)
+        with pytest.raises(BadData, match="num_samples is 0"):
+            geovp.predict(context, num_samples=0)
+        with pytest.raises(BadData, match="none of the renderers: give a name"):
+            geovp.predict(context, renderer=StandStill())
+        with pytest.raises(BadData, match="StandStill'> is none of the pose_sources"):
+            geovp.predict(context, StandStill)
+        with pytest.raises(BadData, match="cannot be read"):
+            geovp.predict(context, mask="hood.png")
+
 
 class TestEvaluate:
     def test_values_of_each_sample_and_step(self, clip: geovp.Clip) -> None:
@@ -76,6 +89,12 @@ class TestEvaluate:
         # an error of one grey level everywhere: 20 log10(255) = 48.13 dB
         np.testing.assert_allclose(psnr[1], 48.13, atol=0.005)
         assert (psnr[0] > 90).all()
+        assert geovp.evaluate(geovp.Prediction(frames), target, "psnr").keys() == {"psnr"}
+
+    def test_variants_of_a_metric_do_not_replace_each_other(self, clip: geovp.Clip) -> None:
+        _, target = clip.split(6, geovp.PrivilegedInput.NONE)
+        with pytest.raises(BadData, match="'ssim' is given twice"):
+            geovp.evaluate(geovp.Prediction(target.frames[None]), target, ["ssim", "ssim"])
 
     def test_a_target_of_another_split_is_refused(self, clip: geovp.Clip) -> None:
         context, _ = clip.split(6, geovp.PrivilegedInput.NONE)
@@ -113,6 +132,14 @@ class TestShow:
         np.testing.assert_array_equal(strip[14:, 2:66], clip.frames[0])
         np.testing.assert_array_equal(strip[14:, -66:-2], clip.frames[-1])
         assert (strip[:14] < 128).any()
+
+    def test_contexts_and_targets_are_parts_of_the_row_of_a_clip(self, clip: geovp.Clip) -> None:
+        context, target = clip.split(6, geovp.PrivilegedInput.NONE)
+        strip = np.asarray(geovp.show(context, num_frames=6))
+        assert strip.shape == (14 + 64, 6 * (64 + 4), 3)
+        np.testing.assert_array_equal(strip[14:, -66:-2], clip.frames[5])
+        strip = np.asarray(geovp.show(target, num_frames=2))
+        np.testing.assert_array_equal(strip[14:, 2:66], clip.frames[6])
 
     def test_a_prediction_has_a_row_per_sample(self) -> None:
         levels = np.arange(7, dtype=np.uint8)[:, None, None, None, None]
