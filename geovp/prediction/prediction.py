@@ -123,9 +123,15 @@ class Predicted:
             poses = motion.past.world_from_cam
             turn_rad = se3.rotation_angle_rad(se3.inverse(poses[-1]) @ poses).max()
             if turn_rad < np.radians(min_turn_deg):
-                yield "the camera is stationary, so the prediction is static"
+                yield (
+                    "the camera is stationary, or most that it sees is too far away to tell, so "
+                    "the prediction is static"
+                )
             else:
-                yield "the camera turns without moving, so all depths are unknown"
+                yield (
+                    "the camera turns without moving, or most that it sees is too far away to "
+                    "tell, so all depths are unknown"
+                )
 
     def about(self) -> dict[str, Any]:
         """Return the contents of predict.json."""
