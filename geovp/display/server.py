@@ -162,6 +162,8 @@ class Server:
         folder, _, number = path.rpartition("/")
         if request.method == "POST":
             return await self._follow(request)
+        if request.method not in ("GET", "HEAD"):
+            return web.Response(status=405)
         if path == "":
             page = resources.files(__package__).joinpath("page.html")
             return await self._send(request, "text/html; charset=utf-8", page.read_bytes())

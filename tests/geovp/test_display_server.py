@@ -167,6 +167,14 @@ def test_no_file_is_served(pages: server.Server, path: str) -> None:
     assert Client(pages).ask(f"/{TOKEN}{path}")[0] == 404
 
 
+def test_other_methods_are_refused(pages: server.Server) -> None:
+    client = Client(pages).connection
+    for method, status in {"HEAD": 200, "PUT": 405, "DELETE": 405}.items():
+        client.request(method, f"/{TOKEN}/")
+        response = client.getresponse()
+        assert (response.status, response.read()) == (status, b"")
+
+
 def test_malformed_messages_are_refused(pages: server.Server) -> None:
     generator = random.Random(0)
     session = cast(FakeSession, pages.session)
