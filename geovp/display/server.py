@@ -212,7 +212,8 @@ class Server:
         try:
             async with asyncio.timeout(self.timeout_s):
                 await response.prepare(request)
-                await response.write(content)
+                if request.method != "HEAD":
+                    await response.write(content)
                 await response.write_eof()
         except TimeoutError:
             _abort(request.protocol)
