@@ -116,18 +116,16 @@ class Findings(list[Finding]):
     def check_steps(self, path: Path, stamps: FloatArray, unit: str = "s") -> None:
         """Add an error unless stamps [N] of a unit come at a rate that cameras have."""
         steps = np.diff(stamps[np.isfinite(stamps)])
-        if not len(steps):
-            return
-        usual = float(np.median(steps))
+        usual = float(np.median(steps)) if len(steps) else PER_SECOND[unit]
         units = [
             name for name, per_s in PER_SECOND.items() if MIN_STEP_S <= usual / per_s <= MAX_STEP_S
         ]
         if unit not in units:
-            guess = f", as of times in {' or '.join(units)}" if units else ""
             self.add(
                 path,
-                f"the usual step between times is {usual:.6g}{guess}: give times in {unit}, "
-                f"{MIN_STEP_S} to {MAX_STEP_S:g} s apart",
+                f"the usual step between times is {usual:.6g}, as of times in "
+                f"{' or '.join(units) or 'no unit'}: give times in {unit}, {MIN_STEP_S} to "
+                f"{MAX_STEP_S:g} s apart",
             )
 
 

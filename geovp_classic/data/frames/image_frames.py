@@ -312,10 +312,9 @@ def _camera_patterns(paths: list[Path], max_cameras: int = 8) -> list[str]:
     Either "cam" stands before the number, as in cam0_0001, or names end in it, and the cameras have
     the same frames: 0001_0, 0001_1, 0002_0 and so on.
     """
-    after_word, at_end = r"(?i)(.*?cam(?:era)?[-_ ]?)(\d+)(.*)", r"(.*\d\D+)(\d+)(\D*\.\w+)"
+    after_word, at_end = r"(?i)^(.*?cam(?:era)?[-_ ]?)(\d+)(.*)$", r"^(.*\d\D+)(\d+)(\D*\.\w+)$"
     for expression in (after_word, at_end):
-        matches = [re.fullmatch(expression, path.name) for path in paths]
-        names = [match.groups() for match in matches if match]
+        names = [name for path in paths for name in re.findall(expression, path.name)]
         images = Counter(series_name(a) + camera + series_name(b) for a, camera, b in names)
         frames = {(a, b) for a, _, b in names}
         if len(names) < len(paths) or not 1 < len(images) <= max_cameras:
