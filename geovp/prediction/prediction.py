@@ -19,6 +19,7 @@ from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import bags
 from geovp_classic.data.frames.image_frames import image_files
 from geovp_classic.data.frames.undistortion import DistortedCamera
+from geovp_classic.data.frames.video_frames import is_video
 from geovp_classic.data.layouts import detection
 from geovp_classic.data.layouts.folder import Folder
 from geovp_classic.data.layouts.rosbag import RosBag
@@ -291,12 +292,15 @@ def _check_folder(path: Path, rate_hz: float | None) -> None:
         if rate_hz is None:
             raise BadData(f"{path} is a folder of images, which have no times: give --fps")
         return
-    layout, dataset = detection.detect(path)
-    inputs = [*dataset.folders().values()]
-    if layout not in ("folder", "rosbag", "videos"):
-        images = dataset.scan(inputs[0], Findings()).images
-        inputs = [image.parent for image in images[:1]] or inputs
-    content = "several folders of images" if layout == "folder" else f"a data set ({layout})"
+    content = "videos or bags"
+    inputs = [each for each in sorted(path.iterdir()) if is_video(each) or bags.is_bag(each)]
+    if not inputs:
+        layout, dataset = detection.detect(path)
+        content, inputs = "several folders of images", [*dataset.folders().values()]
+        if layout != "folder":
+            images = dataset.scan(inputs[0], Findings()).images
+            content = f"a data set ({layout})"
+            inputs = [image.parent for image in images[:1]] or inputs
     raise BadData(
         f"{path} holds {content}: give one recording, such as {', '.join(map(str, inputs)):.300}"
     )

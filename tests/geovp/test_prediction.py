@@ -167,13 +167,13 @@ def test_what_to_give_in_place_of_a_data_set_is_said(
 ) -> None:
     """KITTI has its images three folders below; a folder of bags has bags."""
     shutil.copytree(images, tmp_path / "kitti/sequences/07/image_0")
-    for name in ("bags/a.bag", "bags/b.mcap", "videos/c.mp4", "videos/cameras.toml"):
+    for name in ("bags/a.bag", "bags/b.mcap", "videos/c.mp4"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("[c]\nfov_deg = 60\n")
+        (tmp_path / name).touch()
     for name, advice in (
         ("kitti", "a data set (kitti): give one recording, such as {}/sequences/07/image_0"),
-        ("bags", "a data set (rosbag): give one recording, such as {0}/a.bag, {0}/b.mcap"),
-        ("videos", "a data set (videos): give one recording, such as {}/c.mp4"),
+        ("bags", "videos or bags: give one recording, such as {0}/a.bag, {0}/b.mcap"),
+        ("videos", "videos or bags: give one recording, such as {}/c.mp4"),
     ):
         message = refused("predict", tmp_path / name, *words.split())
         assert advice.format(tmp_path / name) in message
