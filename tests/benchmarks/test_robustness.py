@@ -116,6 +116,16 @@ def test_pipes_devices_and_folders_are_no_files(street: Path, refused: Says) -> 
     assert "4.png cannot be read (Too many levels of symbolic links)" in refused(*run(street))
 
 
+def test_a_clip_that_cannot_be_read_is_not_one_of_other_code(
+    street: Path, command: Command
+) -> None:
+    (street.parent / "images/5.png").write_bytes(b"half")
+    ended = command(*run(street))
+    assert ended.code == 1
+    assert "copy-last: 1 of 3 clips could not be predicted" in ended.out
+    assert "version of the code" not in ended.out + ended.err
+
+
 def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
     """A file may have 3 kB: protocol.json fits, a kept clip of 15 kB does not."""
     command = [

@@ -174,8 +174,8 @@ class TestFailures:
         )
         assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
         words = (
-            "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame "
-            "(--strict leaves them out)"
+            "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame if "
+            "readable (--strict leaves them out)"
         )
         assert f"{words}: road/003, road/004: ZeroDivisionError: the road ended." in said.notes
         assert any("could not be predicted, left out" in note for note in strict.notes)

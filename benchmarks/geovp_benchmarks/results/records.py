@@ -96,8 +96,11 @@ class Method(BaseModel):
 
     @property
     def num_outdated(self) -> int:
-        """Return the number of clips whose scores other code than the last run's computed."""
-        return sum(record.code != self.code for record in self.scored.values())
+        """Return the number of clips whose scores other code than the last run's computed.
+
+        The code of clips that cannot be read, and of rescored predictions, is not known.
+        """
+        return sum(record.code not in ("", self.code) for record in self.scored.values())
 
 
 def read_protocol(path: Path) -> dict[str, Any]:

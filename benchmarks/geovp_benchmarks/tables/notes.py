@@ -79,7 +79,7 @@ def _on_method(method: Method, num_clips: int, *, strict: bool) -> Iterator[str]
         scored = f"{method.status}, {method.num_clips} of {num_clips} clips"
         yield f"{label}: {scored}: {method.reason or 'run again'}."
     if failures:
-        treated = "scored as copies of the last frame (--strict leaves them out)"
+        treated = "scored as copies of the last frame if readable (--strict leaves them out)"
         if strict:
             treated = "left out"
         names = ", ".join([*failures][:3])
