@@ -73,7 +73,7 @@ class Findings(list[Finding]):
     def lines(self, path: Path) -> list[tuple[int, str]]:
         """Read the numbers, from 1, and texts of the lines that hold more than a comment (#).
 
-        A header, the first line if no word of it begins as a number, is left out.
+        A header, the first line if no word of it is or begins as a number, is left out.
         """
         lines = []
         with self.catch(path):
@@ -82,7 +82,7 @@ class Findings(list[Finding]):
             for number, line in enumerate(files.read_text(path).splitlines(), 1):
                 if text := line.partition("#")[0].strip():
                     lines.append((number, text))
-            if lines and not re.search(r"(^|[\s,;])[-+.\d]", lines[0][1]):
+            if lines and not re.search(r"(?i)(^|[\s,;])([-+.\d]|(nan|inf)\b)", lines[0][1]):
                 del lines[0]
             if not lines:
                 raise BadData("has no numbers")

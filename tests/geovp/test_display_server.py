@@ -244,7 +244,7 @@ class Browser:
         answer = await self.call("Runtime.evaluate", expression=script, returnByValue=True)
         return answer["result"].get("value")
 
-    async def wait(self, script: str, timeout_s: float = 15.0) -> Any:
+    async def wait(self, script: str, timeout_s: float = 60.0) -> Any:
         """Wait until the value of a script is true, and return it."""
         end_s = time.monotonic() + timeout_s
         while not (value := await self.value(script)):
