@@ -116,7 +116,9 @@ class Findings(list[Finding]):
     def check_steps(self, path: Path, stamps: FloatArray, unit: str = "s") -> None:
         """Add an error unless stamps [N] of a unit come at a rate that cameras have."""
         steps = np.diff(stamps[np.isfinite(stamps)])
-        usual = float(np.median(steps)) if len(steps) else PER_SECOND[unit]
+        if not len(steps):
+            return
+        usual = float(np.median(steps))
         units = [
             name for name, per_s in PER_SECOND.items() if MIN_STEP_S <= usual / per_s <= MAX_STEP_S
         ]

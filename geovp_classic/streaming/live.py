@@ -160,16 +160,10 @@ class LivePredictor:
         newest, present = state.newest, state.present
         if newest is None:
             raise Incompatible("there is no frame yet: push one before the first view")
-        if not np.isfinite(time_s):
-            raise BadData(f"the time of the view is {time_s}, expected seconds")
+        is_given = bool(commands) or last_from_present is not None
+        self._check_request(time_s, is_given)
         if last_from_present is not None:
             last_from_present = checked_rigid("last_from_present", last_from_present, 2)
-        is_given = bool(commands) or last_from_present is not None
-        if is_given and self._height_m is None:
-            raise Incompatible(
-                "the motion is given in metres, but the scale is unknown: give the camera's height "
-                "above the road"
-            )
 
         # Without a prediction that is to be trusted, show the newest frame
         late = LiveView(
@@ -220,6 +214,15 @@ class LivePredictor:
             )
         if not np.isfinite(time_s):
             raise BadData(f"the frame's time is {time_s}, expected seconds")
+
+    def _check_request(self, time_s: float, is_given: bool) -> None:
+        if not np.isfinite(time_s):
+            raise BadData(f"the time of the view is {time_s}, expected seconds")
+        if is_given and self._height_m is None:
+            raise Incompatible(
+                "the motion is given in metres, but the scale is unknown: give the camera's height "
+                "above the road"
+            )
 
     def _forget(self) -> None:
         """Forget the remembered frames, and the motion through them."""
