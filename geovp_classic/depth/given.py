@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
+from geovp_classic.depth.completion import fill_from_background
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 
@@ -16,7 +18,10 @@ class Given:
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is
-        recorded, 0 where it is unknown.
+        recorded, 0 where it is unknown and filled from the background.
+
+        Sky that touches a surface gets its depth: such pixels show the colours of both, and would
+        stay in the sky as a pale ring when the camera approaches the surface.
 
         Incompatible when the clip has no depth or the poses are not in metres.
         """
@@ -35,6 +40,10 @@ class Given:
                 "recorded depth has negative numbers or NaN: write 0 where it is unknown, inf "
                 "for the sky"
             )
-        confidence = (depths > 0).astype(np.float32)
-        inverse_depths = confidence / np.where(depths > 0, depths, 1)
-        return inverse_depths.astype(np.float32), confidence
+        is_known = depths > 0
+        inverse_depths = (is_known / np.where(is_known, depths, 1)).astype(np.float32)
+        for inverse_depth, depth, known in zip(inverse_depths, depths, is_known, strict=True):
+            nearest_around = cv2.dilate(inverse_depth, np.ones((3, 3), np.uint8))
+            touching = np.where(np.isinf(depth), nearest_around, inverse_depth)
+            inverse_depth[:] = fill_from_background(touching, known)
+        return inverse_depths, is_known.astype(np.float32)

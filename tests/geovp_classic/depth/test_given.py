@@ -23,12 +23,22 @@ def context() -> Context:
 
 
 def test_it_inverts_and_trusts_all_but_the_unknown(context: Context) -> None:
+    """Unknown pixels have the depth of their farther neighbour."""
     inverse_depths, confidence = Given().inverse_depths(context.only(Given().needs), PAST)
-    np.testing.assert_allclose(inverse_depths, [[[0.25, 0.0, 0.0]], [[2.0, 0.1, 0.0]]])
+    np.testing.assert_allclose(inverse_depths, [[[0.25, 0.0, 0.0]], [[2.0, 0.1, 0.1]]])
     np.testing.assert_array_equal(
         confidence, [[[1, 0, 1]], [[1, 1, 0]]]
     )  # 0 = infinitely far is known of the sky
     assert isinstance(Given(), DepthSource)
+
+
+def test_sky_that_touches_a_surface_has_its_depth(context: Context) -> None:
+    depths = np.full((2, 4, 5), np.inf, np.float32)
+    depths[:, 2:, :2] = 4.0
+    inverse_depths, _ = Given().inverse_depths(replace(context, past_depths=depths), PAST)
+    expected = np.zeros((4, 5))
+    expected[1:, :3] = 0.25
+    np.testing.assert_array_equal(inverse_depths, [expected, expected])
 
 
 def test_it_says_what_it_lacks(context: Context) -> None:
