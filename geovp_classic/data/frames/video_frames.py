@@ -42,6 +42,7 @@ class VideoFrames:
             self.path = path
         what = f"{path} cannot be decoded as a video of at most {MAX_PIXELS:,} pixels"
         with files.checked(what, "give a folder of images or another video file"):
+            self._number = self._choose_stream()
             self._restart()
             self._list_frames()
             self._shown_from_stored = display_matrix(self._first).tolist()
@@ -82,24 +83,36 @@ class VideoFrames:
                 )
         return self.times_s
 
-    def _restart(self) -> None:
-        """Open the file, and decode from its beginning."""
+    def _open(self) -> InputContainer:
+        """Open the file."""
         # "file:" keeps a colon in a name from being a protocol; a playlist opens nothing else.
-        self._container: InputContainer = av.open(
+        return av.open(
             f"file:{self.path.absolute()}",
             options={"protocol_whitelist": "file"},
             metadata_errors="ignore",
         )
-        # as players choose one of several, but not the picture of a cover, or a thumbnail
-        streams: list[Any] = [
-            each
-            for each in self._container.streams.video
+
+    def _choose_stream(self) -> int:
+        """Return the number of the stream that players show, but no cover and no thumbnail."""
+        container = self._open()
+        best = container.streams.best("video")
+        numbers = [
+            each.index
+            for each in sorted(container.streams.video, key=lambda each: each != best)
             if not each.disposition & Disposition.attached_pic
         ]
-        if not streams:
+        if not numbers:
             raise ValueError("it has no video stream")
-        best = self._container.streams.best("video")
-        stream = max(streams, key=lambda each: (each.frames != 1, each == best))
+        for number in numbers:
+            first_packets = itertools.islice(_packets(self._open(), number), 2)
+            if all(packet.size for packet in first_packets):  # the end of the file is empty
+                return number
+        return numbers[0]
+
+    def _restart(self) -> None:
+        """Decode from the beginning of the file."""
+        self._container = self._open()
+        stream: Any = self._container.streams[self._number]
         if stream.codec_context.name == "ansi":  # FFmpeg draws .txt files on a terminal
             raise ValueError("it is text")
         self._stream = stream
@@ -120,20 +133,11 @@ class VideoFrames:
         self._decoded = self._decode_on()
         self._last_tick = -math.inf  # of the newest decoded frame
 
-    def _packets(self) -> Iterator[Any]:
-        """Yield the packets up to the end of the file, or to where it is damaged."""
-        packets = self._container.demux(self._stream)
-        while True:
-            try:
-                yield next(packets)
-            except (StopIteration, av.FFmpegError):
-                return
-
     def _decode_on(self) -> Iterator[tuple[int, Any]]:
         """Yield ticks and frames from here on, without frames that are damaged."""
         number = itertools.count()
         is_damaged = False  # up to the next key frame, because frames build on earlier ones
-        for packet in self._packets():
+        for packet in _packets(self._container, self._number):
             decoded = []
             try:
                 decoded = self._decoder.decode(packet if packet.size else None)
@@ -155,7 +159,7 @@ class VideoFrames:
         whole: list[int] = []
         keys: list[int] = []
         order: list[int] = []
-        for packet in self._packets():
+        for packet in _packets(self._container, self._number):
             if packet.is_keyframe and packet.pts is not None:
                 keys.append(packet.pts)
             if packet.dts is not None:
@@ -260,6 +264,16 @@ class VideoFrames:
             has_rows_reversed=d < 0,
             has_columns_reversed=a < 0,
         )
+
+
+def _packets(container: InputContainer, number: int) -> Iterator[Any]:
+    """Yield the packets of a stream up to the end of the file, or to where it is damaged."""
+    packets = container.demux(container.streams[number])
+    while True:
+        try:
+            yield next(packets)
+        except (StopIteration, av.FFmpegError):
+            return
 
 
 def is_video(path: Path) -> bool:
