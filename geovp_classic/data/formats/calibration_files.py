@@ -168,9 +168,9 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
         raise ValueError(f"camera_model is {values['camera_model']!r}, expected pinhole")
     # all formats by the names of Kalibr and the ASL layout
     if values.keys() & {"fx", "projection_parameters"}:
-        _rename_slam(values)
+        values |= _values_of_slam(values)
     elif "intrinsics" not in values:
-        _rename_matrix(values)
+        values |= _values_of_matrix(values)
     model = values.get("distortion_model") or "none"
     if model not in MODELS:
         raise ValueError(f"its distortion_model is {model!r}, expected {', '.join(MODELS)}")
@@ -186,32 +186,39 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
     return DistortedCamera(view, MODELS[model], tuple(map(float, distortion)))
 
 
-def _rename_slam(values: dict[str, Any]) -> None:
-    """Rename the values of ORB-SLAM, or of VINS, which has two tables."""
-    values |= values.get("projection_parameters", {}) | values.get("distortion_parameters", {})
+def _values_of_slam(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the camera of ORB-SLAM, or of VINS, which has two tables, by Kalibr's names."""
+    values = {
+        **values,
+        **values.get("projection_parameters", {}),
+        **values.get("distortion_parameters", {}),
+    }
     name = values.get("model_type") or values.get("type", "PinHole")
     if name not in SLAM_MODELS:
         raise ValueError(f"it has the model {name!r}, expected {', '.join(SLAM_MODELS)}")
     model, parameters, coefficients = SLAM_MODELS[name]
-    values["distortion_model"] = model
-    values["intrinsics"] = [values[name] for name in parameters.split()]
-    values["d"] = [values.get(name, 0.0) for name in coefficients.split()]
+    return {
+        "distortion_model": model,
+        "intrinsics": [values[name] for name in parameters.split()],
+        "d": [values.get(name, 0.0) for name in coefficients.split()],
+    }
 
 
-def _rename_matrix(values: dict[str, Any]) -> None:
-    """Rename the values of OpenCV or ROS."""
+def _values_of_matrix(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the camera of OpenCV or ROS by Kalibr's names."""
+    renamed: dict[str, Any] = {}
     matrix = matrix_data(values.get("camera_matrix", values.get("k")))
     if len(matrix) != 9:
         raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
     if float(values.get("fisheye_model", 0)):  # of OpenCV's calibration program
-        values["distortion_model"] = "fisheye"
+        renamed["distortion_model"] = "fisheye"
     fx, _, cx, _, fy, cy, *_ = map(float, matrix)
     # ROS's region of interest is a part of the sensor that the matrix is about; 0: all of it
     sides = ("x_offset", "y_offset", "width", "height")
     left, top, *region_px = (int(values.get("roi", {}).get(side, 0)) for side in sides)
     if all(region_px):
-        cx, cy, values["resolution"] = cx - left, cy - top, region_px
-    values["intrinsics"] = fx, fy, cx, cy
+        cx, cy, renamed["resolution"] = cx - left, cy - top, region_px
+    return {**renamed, "intrinsics": (fx, fy, cx, cy)}
 
 
 def matrix_data(value: Any) -> list[Any]:
