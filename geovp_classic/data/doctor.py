@@ -63,8 +63,7 @@ class Doctor:
         The sequences' names go through `watch` one by one, which may show a progress bar (tqdm
         does). BadData only if the root holds no sequences at all.
         """
-        _, dataset = detection.detect(root)
-        vars(dataset).update(settings or {})
+        _, dataset = detection.detect(root, settings)
         folders = dataset.folders()
         if not folders:
             raise BadData(f"{root} holds no sequence: give a folder with sequences in it")

@@ -83,8 +83,6 @@ class RecordedPredictions:
         path = self.poses / f"{context.name}.txt"
         times_s = context.times_s
         recorded = pose_files.read_trajectory(path, times_s, is_metric=self.poses_are_metric)
-        if len(recorded) != len(times_s):
-            raise BadData(f"{path}: {len(recorded)} poses, expected one of {len(times_s)} frames")
         num_past = context.num_past
         poses = recorded.world_from_cam
         past = Trajectory(poses[:num_past], times_s[:num_past], self.poses_are_metric)

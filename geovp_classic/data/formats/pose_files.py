@@ -83,16 +83,17 @@ def read_trajectory(
     front. Times in nanoseconds become seconds. The caller states whether the unit is the metre,
     the file does not.
     """
+    num_frames = None if times_s is None else len(times_s)
     if has_times(path):
         times, world_from_cam = read_tum(path)
-        return Trajectory(world_from_cam, in_seconds(times), is_metric)
-    world_from_cam = read_kitti(path)
+        times_s = in_seconds(times)
+    else:
+        world_from_cam = read_kitti(path)
     if times_s is None:
         raise BadData(f"{path} is in KITTI's format, which has no times: give those of all frames")
-    if len(times_s) != len(world_from_cam):
-        raise BadData(
-            f"{path}: {len(world_from_cam)} poses for {len(times_s)} frames, expected one each"
-        )
+    count = len(world_from_cam)
+    if num_frames not in (None, count):
+        raise BadData(f"{path}: {count} poses for {num_frames} frames, expected one each")
     return Trajectory(world_from_cam, times_s, is_metric)
 
 

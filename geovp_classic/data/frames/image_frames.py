@@ -254,36 +254,20 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
     """
     paths = image_files(folder)
     if name_pattern is not None:
-        # "frame*.png" matches frame1_mask.png, too, but is the name of another series
-        is_series = name_pattern in {series_name(path.name) for path in paths}
-        paths = [
-            path
-            for path in paths
-            if name_pattern == series_name(path.name)
-            or (not is_series and fnmatch.fnmatchcase(path.name, name_pattern))
-        ]
+        paths = _matching(paths, name_pattern)
         if not paths:
             raise BadData(
                 f"{folder} holds no image called {name_pattern}: give another name_pattern"
             )
-    series: dict[str, list[Path]] = {}
-    by_number: dict[tuple[int, ...], list[Path]] = {}
-    for path in paths:
-        series.setdefault(series_name(path.name), []).append(path)
-        numbers = tuple(map(int, re.findall(r"\d+", path.stem)))
-        by_number.setdefault(numbers or (-len(by_number),), []).append(path)
-    # Equal numbers, the last one aside: several series, an image twice, or "frame 1 (2).png".
-    for numbers, group in by_number.items():
-        equal = [*by_number.get(numbers[:-1], ()), *group]
-        if len(equal) > 1:
-            names = ", ".join(f"{name} ({len(paths)} images)" for name, paths in series.items())
-            main_series = max(series, key=lambda name: len(series[name]))
-            choice = f', or give name_pattern = "{main_series}"' if len(series) > 1 else ""
-            raise BadData(
-                f"{folder} holds {len(series)} series of images, {names:.300}, of which "
-                f"{equal[0].name} and {equal[1].name} have the same number: remove one of them"
-                f"{choice}"
-            )
+    series = Counter(series_name(path.name) for path in paths)
+    if equal := _equal_numbers(paths):
+        names = ", ".join(f"{name} ({count} images)" for name, count in series.items())
+        (main_series, _), *others = series.most_common()
+        choice = f', or give name_pattern = "{main_series}"' if others else ""
+        raise BadData(
+            f"{folder} holds {len(series)} series of images, {names:.300}, of which "
+            f"{equal[0].name} and {equal[1].name} have the same number: remove one of them{choice}"
+        )
     # "1.5" and "1.25" have another order as decimal numbers than by their parts.
     is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
@@ -301,6 +285,28 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
     return paths
 
 
+def _matching(paths: list[Path], name_pattern: str) -> list[Path]:
+    """Return the images of the series that a pattern is the name of, or else all that match it.
+
+    "frame*.png" matches frame1_mask.png, too, but is the name of another series.
+    """
+    series = [path for path in paths if series_name(path.name) == name_pattern]
+    return series or [path for path in paths if fnmatch.fnmatchcase(path.name, name_pattern)]
+
+
+def _equal_numbers(paths: list[Path]) -> list[Path]:
+    """Return images whose numbers are equal, the last one aside, or none.
+
+    They are of several series, or an image is there twice, as "frame 1.png" and "frame 1 (2).png".
+    """
+    by_number: dict[tuple[int, ...], list[Path]] = {}
+    for path in paths:
+        numbers = tuple(map(int, re.findall(r"\d+", path.stem)))
+        by_number.setdefault(numbers or (-len(by_number),), []).append(path)
+    groups = ([*by_number.get(numbers[:-1], ()), *by_number[numbers]] for numbers in by_number)
+    return next((group for group in groups if len(group) > 1), [])
+
+
 def series_name(name: str) -> str:
     """Return a name with a star for each number, which the names of a series share."""
     return re.sub(r"\d+", "*", name)
@@ -309,10 +315,12 @@ def series_name(name: str) -> str:
 def _camera_patterns(paths: list[Path], max_cameras: int = 8) -> list[str]:
     """Return a pattern for the images of each camera if names number several cameras.
 
-    Either "cam" stands before the number, as in cam0_0001, or names end in it, and the cameras have
-    the same frames: 0001_0, 0001_1, 0002_0 and so on.
+    Either "cam" stands before the number, as in cam0_0001 (but not before a date, as in
+    dashcam_20261129_0001), or names end in it, and the cameras have the same frames: 0001_0,
+    0001_1, 0002_0 and so on.
     """
-    after_word, at_end = r"(?i)^(.*?cam(?:era)?[-_ ]?)(\d+)(.*)$", r"^(.*\d\D+)(\d+)(\D*\.\w+)$"
+    after_word = r"(?i)^(.*?cam(?:era)?[-_ ]?)(\d\d?)(?!\d)(.*)$"
+    at_end = r"^(.*\d\D+)(\d+)(\D*\.\w+)$"
     for expression in (after_word, at_end):
         names = [name for path in paths for name in re.findall(expression, path.name)]
         images = Counter(series_name(a) + camera + series_name(b) for a, camera, b in names)

@@ -1,6 +1,6 @@
 """The data set that a folder holds, by what lies in it."""
 
-import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,19 @@ LAYOUTS: dict[str, Any] = {
 }
 
 
-def detect(root: Path) -> tuple[str, Any]:
-    """Return the name of a folder's data set, and the data set itself with default settings.
+def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, Any]:
+    """Return the name of a folder's data set, and the data set itself.
 
-    Nothing else of it was checked, which is for the doctor to do. BadData if the folder looks like
-    no data set.
+    Its settings are checked, but its files are not, which is for the doctor to do. BadData if the
+    folder looks like no data set.
     """
     for name, layout in LAYOUTS.items():
-        dataset = layout.__new__(layout)
-        vars(dataset)[root_field(name)] = root
-        with contextlib.suppress(BadData):
-            dataset.folders()
-            return name, dataset
+        unread = type(layout.__name__, (layout,), {"_check_files": lambda _: None})
+        try:
+            unread(root).folders()
+        except BadData:
+            continue
+        return name, unread(root, **(settings or {}))
     if root.is_dir() and any(map(is_video, root.iterdir())):
         Videos(root)  # names what it lacks
     raise BadData(

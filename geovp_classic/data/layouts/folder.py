@@ -16,7 +16,7 @@ from geovp_classic.data.recordings.scans import Scan, per_frame, sequence_folder
 from geovp_classic.data.recordings.sequences import SequenceDataset
 from geovp_classic.data.recordings.windows import Rate
 from geovp_classic.errors import BadData
-from geovp_classic.types import Intrinsics
+from geovp_classic.types import FloatArray, Intrinsics
 
 DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
 
@@ -56,7 +56,7 @@ class Folder(SequenceDataset):
             raise BadData(f"frame_rate_hz is {rate_hz}, expected a number of at least 0.02")
         if rate_hz is not None and self.times is not None:
             raise BadData("both frame_rate_hz and times are given: keep one of them")
-        self._check()
+        super().__post_init__()
 
     @property
     def name(self) -> str:
@@ -83,34 +83,18 @@ class Folder(SequenceDataset):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a folder of images or a video; without `intrinsics`, it has no camera."""
         reader = poses = None
-        rate_hz = self.frame_rate_hz
-        if folder.is_file():
-            if self.name_pattern or self.image_bits:
-                raise BadData(f"{folder} is a video: leave out name_pattern and image_bits")
+        if not folder.is_file():
+            images = tuple(image_series(folder, self.name_pattern))
+        elif self.name_pattern or self.image_bits:
+            raise BadData(f"{folder} is a video: leave out name_pattern and image_bits")
+        else:
             reader = VideoFrames(folder)
             images = reader.names
-            if reader.times_s is None and self.intrinsics is None:  # the doctor's data set
-                rate_hz = DEFAULT_RATE_HZ
-                message = f"does not state its rate: {rate_hz:g} Hz are assumed here"
-                findings.add(folder, message, severity="warning")
-        else:
-            images = tuple(image_series(folder, self.name_pattern))
-        # times of a file, of the video, or at a rate
-        root = folder if self._is_root else Path()
-        if self.times is not None:
-            times_s = per_frame(pose_files.read_times, root / self.times, images, findings)
-        elif reader is not None:
-            times_s = reader.times_at(rate_hz)
-        else:
-            times_s = np.arange(len(images)) / (rate_hz or DEFAULT_RATE_HZ)
+        times_s = self._times(folder, images, reader, findings)
         if self.trajectory is not None:
-            path = root / self.trajectory
+            path = self._file(folder, self.trajectory)
             trajectory = pose_files.read_trajectory(path, times_s)
             poses = trajectory.world_from_cam
-            if len(poses) != len(images):
-                raise BadData(
-                    f"{path}: {len(poses)} poses for {len(images)} frames, expected one each"
-                )
             if self.frame_rate_hz is None and self.times is None:
                 times_s = trajectory.times_s
                 findings.check_steps(path, times_s)
@@ -119,6 +103,30 @@ class Folder(SequenceDataset):
             size_px = reader.size_px if reader else self._load(images[0]).shape[1::-1]
             cameras = (DistortedCamera(Intrinsics(*self.intrinsics, *size_px)),) * len(images)
         return Scan(images, times_s, cameras, poses, is_metric=self.is_metric, reader=reader)
+
+    def _times(
+        self, folder: Path, images: tuple[Path, ...], reader: VideoFrames | None, findings: Findings
+    ) -> FloatArray:
+        """Return the times [N] of a file, of the video, or at a rate."""
+        rate_hz = self.frame_rate_hz
+        if self.times is not None:
+            path = self._file(folder, self.times)
+            return per_frame(pose_files.read_times, path, images, findings)
+        if reader is None:
+            return np.arange(len(images)) / (rate_hz or DEFAULT_RATE_HZ)
+        if reader.times_s is None and rate_hz is None and self.intrinsics is None:  # the doctor's
+            rate_hz = DEFAULT_RATE_HZ
+            message = f"does not state its rate: {rate_hz:g} Hz are assumed here"
+            findings.add(folder, message, severity="warning")
+        return reader.times_at(rate_hz)
+
+    def _file(self, recording: Path, name: Path) -> Path:
+        """Return a file beside the frames, or, of a single recording, one elsewhere."""
+        folder = recording.parent if recording.is_file() else recording
+        path = folder / name
+        if not path.exists() and not self._is_root and Path(name).exists():
+            return Path(name)
+        return path
 
     @property
     def _is_root(self) -> bool:

@@ -64,8 +64,8 @@ class SequenceDataset(ABC):
     # A longer step between frames is a pause: at 1 s, a car in a town is 10 m further.
     max_step_s: float = 1.0
 
-    def _check(self) -> None:
-        """Raise BadData unless all named sequences can be used."""
+    def __post_init__(self) -> None:
+        """Raise BadData for bad settings, or unless all named sequences can be used."""
         width_px, height_px = self.size_px
         if self.frame_step < 1 or (self.rate_hz != "native" and not 0.02 <= self.rate_hz < np.inf):
             raise BadData(
@@ -82,6 +82,10 @@ class SequenceDataset(ABC):
                 f"size_px is {list(self.size_px)}, expected a square: frames are cropped to one "
                 "and then resized"
             )
+        self._check_files()
+
+    def _check_files(self) -> None:
+        """Raise BadData unless all named sequences can be used."""
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
             if count > 1:
@@ -255,7 +259,7 @@ class PosedSequences(SequenceDataset):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
-        self._check()
+        super().__post_init__()
 
     def folders(self) -> dict[str, Path]:
         """Return the sequences of the root by name; BadData if it has another layout."""

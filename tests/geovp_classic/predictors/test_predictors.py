@@ -158,7 +158,7 @@ class TestInvalidRecords:
         with pytest.raises(BadData, match=r"000180\.txt: does not exist"):
             predictor.predict(context)
         pose_files.write_tum(folder / "03/000180.txt", clip.trajectory[:NUM_PAST])
-        with pytest.raises(BadData, match="4 poses, expected one of 7 frames"):
+        with pytest.raises(BadData, match="4 poses for 7 frames, expected one each"):
             predictor.predict(context)
 
     def test_no_folder_or_no_name(self, folder: Path, context: Context) -> None:

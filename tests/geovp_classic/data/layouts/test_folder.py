@@ -95,6 +95,8 @@ def test_a_kitti_trajectory_has_the_times_of_the_frames(images: Path, tmp_path: 
     pose_files.write_kitti(poses, straight(np.arange(12)))
     np.savetxt(times, np.arange(12) * 0.25)
     clip = folder(images, trajectory=poses, times=times)[2]
+    np.savetxt(images / "times.txt", np.arange(12) * 0.5)  # in the folder, by its name
+    assert folder(images, times="times.txt")[0].times_s.tolist() == [0, 0.5, 1, 1.5]
     assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
     assert folder(images, trajectory=poses)[0].times_s.tolist() == [0, 0.1, 0.2, 0.3]
     for write in (pose_files.write_tum, pose_files.write_kitti):
@@ -192,6 +194,7 @@ def test_unambiguous_names_are_sorted(tmp_path: Path) -> None:
         ("t-1 x2.png", "t-1 x10.png", "t-2 x1.png"),
         ("cam1_2.png", "cam1_10.png", "cam1_11.png"),
         ("cam1_2024.png", "cam2_2024.png", "cam10_2024.png"),
+        ("cam_20261129_1.png", "cam_20261129_2.png", "cam_20261130_1.png", "cam_20261130_2.png"),
     ):
         place = tmp_path / order[0]
         place.mkdir()
