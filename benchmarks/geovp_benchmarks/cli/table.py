@@ -60,18 +60,17 @@ def run(args: argparse.Namespace) -> Lines:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.statistics import strata
-    from geovp_benchmarks.tables import clips, formats, tables
+    from geovp_benchmarks.tables import formats
 
     results = Results(args.folder).select(*args.methods)
-    groups = strata.divide(results, args.by) if args.by else [results]
-    options = {
-        "strict": args.strict,
-        "metrics": args.metrics,
-        "steps": args.steps,
-        "has_seeds": args.seeds,
-    }
+    groups = [results]
+    if args.by:
+        from geovp_benchmarks.statistics import strata
+
+        groups = strata.divide(results, args.by)
     if args.per:
+        from geovp_benchmarks.tables import clips
+
         for group in groups:
             lines = clips.per_clip(group, args.metrics)
             if not lines:
@@ -82,6 +81,14 @@ def run(args: argparse.Namespace) -> Lines:
             heading = f"## {group.protocol()['name']}: clips, the worst first"
             yield "\n".join([heading, *formats.blocks(lines, terminal_width()), ""])
         return
+    from geovp_benchmarks.tables import tables
+
+    options = {
+        "strict": args.strict,
+        "metrics": args.metrics,
+        "steps": args.steps,
+        "has_seeds": args.seeds,
+    }
     if args.paper:
         from geovp_benchmarks.tables import published
 

@@ -76,12 +76,12 @@ class NewestRecords(dict[str, ScoreRecord]):
         by_clip = {clip: getattr(record, name) for clip, record in self.items()}
         return {clip: values[clip] for clip, values in by_clip.items() if clip in values}
 
-    @property
+    @cached_property
     def failures(self) -> dict[str, Failure]:
         """Return why clips could not be predicted; they are scored as copies of the last frame."""
         return self.stated("failures")
 
-    @property
+    @cached_property
     def shown_by(self) -> dict[str, str]:
         """Return what clips are shown by, where a predictor states it."""
         return self.stated("shown_by")

@@ -147,7 +147,7 @@ class Results:
         return self._scores_of(method)
 
     def means(
-        self, method: str, last_step: int | None = None, first_step: int = 1
+        self, method: str, first_step: int = 1, last_step: int | None = None
     ) -> dict[str, FloatArray]:
         """Return means over all or some steps [N, S] of the protocol's clips by metric."""
         scores = self._scores_of(method, first_step, last_step or 10**6)

@@ -16,7 +16,7 @@ Reduction = Callable[[FloatArray, bool | None], FloatArray]
 
 def mean_of_samples(values: FloatArray, higher_is_better: bool | None = None) -> FloatArray:
     """Return the mean over samples [N, F] of values [N, S, F]: the expected score of one sample."""
-    return nanmean(values, axis=1)
+    return values[:, 0] if values.shape[1] == 1 else nanmean(values, axis=1)
 
 
 def best_of_samples(values: FloatArray, higher_is_better: bool | None) -> FloatArray:

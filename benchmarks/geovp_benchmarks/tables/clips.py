@@ -41,7 +41,7 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
     # How well the methods predict them.
     order = None
     for method in (method for method in results.methods() if method.num_clips):
-        scores = method_scores(results, method)[0].scores
+        scores = method_scores(results, [method])[0].scores
         failures, shown_by = method.scored.failures, method.scored.shown_by
         for key in (key for key in keys if key in scores):
             about, of_method = stored_facts.facts_of(key, protocol), scores[key].values

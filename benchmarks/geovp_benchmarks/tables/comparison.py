@@ -89,7 +89,7 @@ def _paired_differences(*sides: Results) -> Iterator[str]:
     clips, clips_b = (side.protocol()["clips"] for side in sides)
     common = [clip for clip in clips if clip in clips_b]
     rows, rows_b = ([names.index(clip) for clip in common] for names in (clips, clips_b))
-    scores, scores_b = (method_scores(side, side.methods()[0])[0].scores for side in sides)
+    scores, scores_b = (method_scores(side, side.methods())[0].scores for side in sides)
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
         gap = Intervals().interval(gaps, common)

@@ -57,7 +57,7 @@ def _measured(
     measured = []
     for label in sorted(methods, key=[*names, *methods].index):
         method = methods[label]
-        scores = method_scores(results, method, horizons=horizons)[-1]
+        scores = method_scores(results, [method], horizons=horizons)[-1]
         name = names.get(label, scores.label)
         name = re.sub(r"\d+ Samples", f"{method.num_samples} Samples", name)
         measured.append(replace(scores, label=name))
