@@ -74,6 +74,21 @@ class TestAgain:
             "noise": "done",
         }
 
+    def test_a_limit_takes_no_clips_from_a_folder_that_has_more(self, tmp_path: Path) -> None:
+        noise = {"noise": {"name": "toy-noise"}}
+        go(tmp_path, content({"clips": 4}, predictors=STILL), limit=3)
+        methods = go(tmp_path, content({"clips": 4}, predictors=STILL | noise), limit=2)
+        assert [method.num_clips for method in methods.values()] == [3, 2]
+        assert len(Results(tmp_path).protocol()["clips"]) == 3
+
+    def test_a_method_that_left_the_matrix_is_noted_below_tables(self, tmp_path: Path) -> None:
+        noise = {"noise": {"name": "toy-noise"}}
+        for predictors in (STILL | noise, STILL):
+            go(tmp_path, content(predictors=predictors))
+        notes = tables.build(Results(tmp_path))[0].notes
+        [note] = [note for note in notes if "the matrix of the last run" in note]
+        assert note.startswith("noise: ")
+
     def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(
         self, tmp_path: Path
     ) -> None:

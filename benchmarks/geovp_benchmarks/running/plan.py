@@ -44,8 +44,15 @@ class Plan:
 
     @cached_property
     def clips(self) -> Sequence[str]:
-        """Return the names of the clips; raise BadData if there are none."""
-        clips = self.built.clip_names[: self.limit]
+        """Return the names of the clips; raise BadData if there are none.
+
+        A limit takes none from a folder that has more of them.
+        """
+        clips = self.built.clip_names
+        if self.limit is not None:
+            stored = self.results.protocol()["clips"] if self.results.begun else []
+            has_more = len(stored) > self.limit and stored == [*clips[: len(stored)]]
+            clips = clips[: len(stored) if has_more else self.limit]
         if not clips:
             raise BadData(
                 "the data set has no clip of that length: give a longer sequence or fewer frames "
@@ -55,10 +62,10 @@ class Plan:
 
     @cached_property
     def own_clips(self) -> Sequence[str]:
-        """Return the clips of the shard: neighbours, which share frames."""
-        part, num_parts = self.shard or (1, 1)
-        first, last = ((part - skip) * len(self.clips) // num_parts for skip in (1, 0))
-        return self.clips[first:last]
+        """Return the clips to compute, up to the limit: those of a shard share frames."""
+        clips, (part, num_parts) = self.clips[: self.limit], self.shard or (1, 1)
+        first, last = ((part - skip) * len(clips) // num_parts for skip in (1, 0))
+        return clips[first:last]
 
     @cached_property
     def stored_clips(self) -> Set[str]:
