@@ -7,6 +7,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from geovp_classic.errors import BadData, UnknownComponent, nearest
 
+WORDS = {  # for kinds of problems that pydantic describes by types of Python
+    "dict_type": "expected a table",
+    "model_type": "expected a table",
+    "path_type": "expected a path",
+    "string_type": "expected a text",
+}
+
 
 @functools.cache
 def adapter(kind: Any) -> TypeAdapter[Any]:
@@ -33,4 +40,5 @@ def validated(kind: Any, value: object, where: str = "") -> Any:
     if problem["type"] == "missing":
         raise BadData(f"{place} is missing: add it")
     reason = problem["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    reason = WORDS.get(problem["type"], reason)
     raise BadData(f"{place} is {problem['input']!r:.60}, {reason}")

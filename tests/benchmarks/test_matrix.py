@@ -1,5 +1,6 @@
 """What a matrix file says, and what it is told when it says it wrongly."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from geovp_benchmarks.matrix import CONFIGS, files, schema
 from geovp_benchmarks.matrix.components import build_method
-from geovp_classic.errors import GeovpError
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
 PROTOCOL = {
@@ -131,20 +132,16 @@ def test_relative_paths_are_those_of_the_matrix_file(
     assert path == given if expected is None else Path(path).samefile(tmp_path / expected)
 
 
-def test_a_relative_root_is_that_of_the_matrix_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """From elsewhere, and where only the working directory has it, it becomes absolute, too."""
-    (tmp_path / "file" / "data").mkdir(parents=True)
-    (tmp_path / "here" / "other").mkdir(parents=True)
-    monkeypatch.chdir(tmp_path / "here")
-    for root, expected in (
-        ("data", tmp_path / "file" / "data"),
-        ("other", tmp_path / "here" / "other"),
-        ("$DATA/x", "$DATA/x"),
-        ("missing", "missing"),
-    ):
-        text = f'[protocol]\ndataset = {{ name = "kitti", root = "{root}" }}\n'
-        (tmp_path / "file" / "m.toml").write_text(text)
-        _, content = files.read(tmp_path / "file" / "m.toml")
-        assert content["protocol"]["dataset"]["root"] == str(expected)
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("protocol.size_px=5", "[width, height] in pixels"),
+        ("protocol.size_px=[5]", "[width, height] in pixels"),
+        ("protocol.device=gpu", "cpu, cuda, cuda:N or auto"),
+        ("protocol.root=5", "a path"),
+        ("metrics=5", "a table"),
+    ],
+)
+def test_values_of_another_kind_are_told_in_plain_words(setting: str, expected: str) -> None:
+    with pytest.raises(BadData, match=re.escape(f", expected {expected}") + "$"):
+        schema.read(Path("demo"), [setting])

@@ -41,11 +41,25 @@ def _folder_name(name: str) -> str:
     return name
 
 
+def _device(text: str) -> str:
+    """Return the name of a device."""
+    if not DEVICE.fullmatch(text):
+        raise ValueError("expected cpu, cuda, cuda:N or auto")
+    return text
+
+
+def _pair(value: Any) -> Any:
+    """Return two numbers."""
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise ValueError("expected [width, height] in pixels")
+    return value
+
+
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
 Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
 FolderName = Annotated[str, AfterValidator(_folder_name)]
 Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
-Device = Annotated[str, Field(pattern=DEVICE)]
+Device = Annotated[str, AfterValidator(_device)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]
-Size = tuple[Pixels, Pixels]  # width, height
+Size = Annotated[tuple[Pixels, Pixels], BeforeValidator(_pair)]  # width, height
