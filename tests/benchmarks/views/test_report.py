@@ -6,6 +6,7 @@ import base64
 import html
 import io
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -177,6 +178,15 @@ class TestClips:
         assert shown.orders == "kalman + far"
         assert shown.table[0][0] == "clip"
 
+    def test_numbers_of_each_clip(self, page: str) -> None:
+        """PSNR is 20 + clip - step, 16.5 on average in the first clip; kalman has 3 samples."""
+        first, *others = re.findall('<dl class="numbers">(.*?)</dl>', page)
+        numbers = re.findall("<dt>(.*?)</dt><dd>(.*?)</dd>", first)
+        assert ("gt + far: PSNR (dB)", "16.5") in numbers
+        assert ("kalman + far: PSNR (dB)", "17.5") in numbers
+        assert not {"clip", "labels"} & set(dict(numbers))
+        assert len(others) == 2
+
     def test_keys_and_methods_on_request(self, page: str) -> None:
         reader = read(page)
         identities = {attributes.get("id") for _, attributes in reader.elements}
@@ -221,6 +231,13 @@ def test_the_findings_are_the_numbers(page: str, folder: Path) -> None:
     results = Results(folder)
     found = findings.find(tables.build(results)[0], None, results.protocol(), "absent")
     assert found.gain is None
+
+
+def test_without_ground_truth_nothing_is_said_of_it(tmp_path: Path, folder: Path) -> None:
+    report.write(Results(shutil.copytree(folder, tmp_path / "copy")).select("copy-last"), Options())
+    text = seen((tmp_path / "copy/report.html").read_text(encoding="utf-8"))
+    assert "With ground truth" not in text
+    assert "Letters:" not in text
 
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
