@@ -303,6 +303,8 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
     frames[50:] = 0  # five seconds are enough for a busy machine
     warning = "document.getElementById('warning')"
     shown = "document.querySelectorAll('figure img')[2].src"
+    warned, advised = "warn('late')", "warn('unsure', 'caution')"
+    colour = f"getComputedStyle({warning}).backgroundColor"
 
     def listening(port: int) -> server.Server:
         session = Session(street_source(frames), Channel(0.1), driver=Driver())
@@ -331,7 +333,9 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
                 await browser.wait("element('dim').checked && !isSending")
                 while not (pages.session.is_dimming and pages.session.is_marking):
                     await asyncio.sleep(0.01)
-                assert await browser.value(f"{warning}.className") == "is-on"
+                assert await browser.value(f"{warning}.className") == "alert"
+                assert await browser.value(f"{warned}; {colour}") == "rgb(179, 32, 31)"  # red
+                assert await browser.value(f"{advised}; {colour}") == "rgb(148, 87, 10)"  # amber
                 assert await browser.value(
                     "parseFloat(document.getElementById('rate').textContent)"
                 )
