@@ -167,8 +167,8 @@ class VideoFrames:
             if packet.size and not (packet.is_discard or packet.is_corrupt):
                 whole.append(packet.pts)
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
-        is_avi = self._container.format.name == "avi"
-        self._is_counted = is_raw or is_avi or None in whole or order != sorted(order)
+        self._is_avi = self._container.format.name == "avi"
+        self._is_counted = is_raw or self._is_avi or None in whole or order != sorted(order)
         self._keys = [] if self._is_counted else sorted(keys)
 
         self._restart()
@@ -178,11 +178,11 @@ class VideoFrames:
         self._first = first
         last_key = self._keys[-1] if self._keys else start
         self._seek(last_key)
-        decoded = {tick: frame.pts for tick, frame in self._decoded}
+        decoded = self._decode_rest()
         if last_key not in decoded:  # the index led to later frames, or the file ends inside it
             last_key = start
             self._restart()
-            decoded = {tick: frame.pts for tick, frame in self._decoded}
+            decoded = self._decode_rest()
         if self._is_counted:
             whole = list(decoded)
         ticks = [tick for tick in whole if start <= tick < last_key or tick in decoded]
@@ -190,19 +190,30 @@ class VideoFrames:
             raise ValueError("no whole frame can be decoded")
         self._ticks: IntArray = np.unique(ticks)  # of frames with one time, a player shows one
 
-        stamps, unit_s = self._ticks.tolist(), float(self._stream.time_base or 1)
-        if is_avi:
-            unit_s = 1 / float(self._stream.average_rate or np.inf)
-        elif self._is_counted:
-            stamps = list(decoded.values())
-        steps = np.diff(np.array(stamps, np.float64))
-        is_step = steps > 0  # not where another recording begins, or without a time
+        stamps = [*decoded.values()] if self._is_counted else self._ticks.tolist()
+        self.times_s = None if is_raw else self._times(stamps)
+
+    def _decode_rest(self) -> dict[int, int | None]:
+        """Decode from here on, and return the time stamp of each frame by its tick.
+
+        AVI files have no times of presentation; those of decoding come in the same steps.
+        """
+        return {tick: frame.dts if self._is_avi else frame.pts for tick, frame in self._decoded}
+
+    def _times(self, stamps: list[int | None]) -> FloatArray | None:
+        """Return the times [N] of stamps since the first, None if no camera takes them.
+
+        Where they go back, another recording begins, after a pause that no clip holds.
+        """
+        unit_s = float(self._stream.time_base or 1)
+        steps = np.diff(np.array(stamps, np.float64))  # NaN: without a stamp
+        is_step = steps > 0
         usual = float(np.median(steps[is_step])) if is_step.any() else 0.0
-        is_raw |= len(steps) > 0 and usual * unit_s < MIN_STEP_S
-        pause = 2 / unit_s + 2 * usual  # so that no clip holds frames of two recordings
+        if len(steps) and usual * unit_s < MIN_STEP_S:
+            return None
+        pause = 2 / unit_s + 2 * usual
         steps = np.where(is_step, steps, np.where(steps < 0, pause, usual))
-        times_s = np.cumsum([0.0, *steps]) * unit_s
-        self.times_s: FloatArray | None = None if is_raw else times_s
+        return np.cumsum([0.0, *steps]) * unit_s
 
     def _decode(self, index: int) -> ByteArray:
         """Return one frame; BadData if it is damaged."""

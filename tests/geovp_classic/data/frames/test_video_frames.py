@@ -67,6 +67,7 @@ def test_frames_come_by_number_in_any_order(
         # six frames at 25 Hz and four at 10 Hz: the mean rate, 16.9 Hz, is that of no frame
         ("a.mp4", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),
         ("b.mkv", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),
+        ("d.avi", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),  # with empty frames between them
         ("c.mkv", [0, 40, 80, 120, 120, 160, 260, 360]),  # of two with one time, the first is shown
     ],
 )
