@@ -212,7 +212,9 @@ def _values_of_matrix(values: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"it has {len(matrix)} numbers in camera_matrix, expected 9")
     if float(values.get("fisheye_model", 0)):  # of OpenCV's calibration program
         renamed["distortion_model"] = "fisheye"
-    fx, _, cx, _, fy, cy, *_ = map(float, matrix)
+    fx, _, cx, _, fy, cy, *_ = numbers = [*map(float, matrix)]
+    if not np.allclose(numbers, [fx, 0, cx, 0, fy, cy, 0, 0, 1]):
+        raise ValueError("its camera_matrix is not fx 0 cx, 0 fy cy, 0 0 1")
     # ROS's region of interest is a part of the sensor that the matrix is about; 0: all of it
     sides = ("x_offset", "y_offset", "width", "height")
     left, top, *region_px = (int(values.get("roi", {}).get(side, 0)) for side in sides)

@@ -244,6 +244,8 @@ def test_kalibr_has_the_model_of_one_angle(tmp_path: Path) -> None:
         ("a.yaml", "---\n", "it is not a table"),
         ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}", "expected pinhole"),
         ("a.yaml", "K: [1, 2]", "2 numbers in camera_matrix, expected 9"),
+        ("a.yaml", NUMPY.replace("[166, 0, 95.5]", "[166, 2, 95.5]"), "camera_matrix is not fx 0"),
+        ("a.yaml", "K: [166, 0, 0, 0, 166, 0, 95.5, 71.5, 1]", "camera_matrix is not"),  # MATLAB's
         ("a.yaml", KALIBR.replace("0.01, 0, 0", "0.01, 0"), "has 3 coefficients"),
         ("a.yaml", "%YAML:1.0\nCamera1.fx: 166.0\nCamera.width: 192\n", "'fy'"),
         ("a.yaml", VINS.replace("   fx: 166.0\n", ""), "'fx'"),
