@@ -269,7 +269,8 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f"{equal[0].name} and {equal[1].name} have the same number: remove one of them{choice}"
         )
     # "1.5" and "1.25" have another order as decimal numbers than by their parts.
-    is_decimal = all(re.fullmatch(r"\d+\.\d+", path.stem) for path in paths)
+    decimal = r"\d+\.\d+(e[-+]\d+)?"
+    is_decimal = all(re.fullmatch(decimal, path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
         raise BadData(
             f"{folder} holds {paths[0].name} to {paths[-1].name}, whose order is another if they "

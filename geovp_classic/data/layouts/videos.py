@@ -61,7 +61,11 @@ class Videos(PosedSequences):
 
     def folders(self) -> dict[str, Path]:
         """Return the videos by name; BadData if there are none, or no file of cameras."""
-        videos = {path.stem: path for path in sorted(self.root.glob("[!.]*")) if is_video(path)}
+        videos: dict[str, Path] = {}
+        for path in filter(is_video, sorted(self.root.glob("[!.]*"))):
+            first = videos.setdefault(path.stem, path)
+            if first != path:
+                raise BadData(f"{path} has the same name as {first.name}: rename one of them")
         if not videos:
             raise BadData(f"{self.root} holds no videos: give mp4, mov, mkv or ts files")
         missing = sorted(videos.keys() - self.facts.keys())
@@ -114,7 +118,7 @@ class Videos(PosedSequences):
         with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
             # the camera, as four numbers or as the field of view of a pinhole in the middle
             if (intrinsics := facts.get("intrinsics")) is None:
-                focal_px = width_px / 2 / np.tan(np.radians(facts["fov_deg"]) / 2)
+                focal_px = width_px / 2 / np.tan(np.radians(float(facts["fov_deg"])) / 2)
                 intrinsics = focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2
             fx, fy, cx, cy = map(float, intrinsics)
             stated = {key: facts.get(key) for key in ("fps", "camera_height_m")}

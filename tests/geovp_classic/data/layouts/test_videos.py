@@ -126,3 +126,6 @@ def test_short_videos_and_wrong_settings_are_refused(root: Path) -> None:
     ):
         with pytest.raises(BadData, match=message):
             Videos(root, **{"num_frames": 4, **settings})
+    write_video(root / "fast.MOV", grey_levels(4))
+    with pytest.raises(BadData, match=r"fast\.mp4 has the same name as fast\.MOV: rename one"):
+        Videos(root, num_frames=4)
