@@ -9,7 +9,7 @@ import pytest
 from geovp_benchmarks.plots import horizon
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.style import Options
-from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
 from geovp_benchmarks.tables import tables
 from tests.benchmarks.made import content, go
@@ -65,3 +65,13 @@ def test_kept_predictions_can_be_rescored(results: Results, tmp_path: Path) -> N
     again = Results(tmp_path / "again")
     rescore(results, again, stored_metrics(results))
     assert tables.build(again)[0].rows[0].scores["fvd"].mean == pytest.approx(4.0)
+
+
+def test_with_eight_drives_the_interval_is_over_drives(results: Results) -> None:
+    clips = [f"{drive}/{clip}" for drive in range(8) for clip in range(2)]
+    results.write_protocol({**results.protocol(), "clips": clips, "digests": {}})
+    features = np.random.default_rng(0).normal(size=(16, 2, 2))
+    record = ScoreRecord("still", clips, results.by_name()["still"].fingerprint)
+    results.write_scores([(Scores(clips, {"fvd@features": features}), record)])
+    (row,) = tables.build(results.select("still"))[0].rows
+    assert row.scores["fvd"].is_over_drives

@@ -4,14 +4,13 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.score_names import ALWAYS_SCORED, COVERAGE, FEATURES, UNBOUNDED
 from geovp_benchmarks.results.store import Method, Results
-from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.intervals import Intervals, holm
 from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
 from geovp_benchmarks.statistics.score import Score
@@ -28,44 +27,42 @@ from geovp_classic.metrics.frechet import frechet_distances
 from geovp_classic.types import BoolArray, FloatArray
 
 
+class Selection(TypedDict, total=False):
+    """What of the scores a table shows."""
+
+    metrics: Sequence[str]  # columns; empty: all
+    steps: Sequence[int]  # each metric has a column for each of them, in place of their mean
+    strict: bool  # leaves out clips that a method could not predict, else copies of the last frame
+    has_seeds: bool  # averages methods that differ by the number of a training seed
+
+
 def build(
-    results: Results,
-    spread: str = "interval",
-    *,
-    strict: bool = False,
-    metrics: Sequence[str] = (),
-    steps: Sequence[int] = (),
-    has_seeds: bool = False,
+    results: Results, spread: str = "interval", **selection: Unpack[Selection]
 ) -> list[Table]:
     """Return the main table (whole frames and poses), then those over sets of pixels.
 
-    Clips that a method could not predict count as copies of the last frame; `strict` leaves them
-    out. With named columns or steps there is only one table. Methods compete among those selected.
+    With named columns or steps there is only one table. Methods compete among those selected.
     """
-    main = _main_table(results, metrics, strict, steps, has_seeds)
-    tables = [main] if metrics or steps else [main, *_detail_tables(main, results.protocol())]
+    tables = [_main_table(results, **selection)]
+    if not (selection.get("metrics") or selection.get("steps")):
+        tables += _detail_tables(tables[0], results.protocol())
+    strict = selection.get("strict", False)
     return [explained(replace(table, spread=spread), results, strict=strict) for table in tables]
 
 
 def against(
-    results: Results,
-    name: str,
-    spread: str = "interval",
-    *,
-    strict: bool = False,
-    metrics: Sequence[str] = (),
-    steps: Sequence[int] = (),
-    has_seeds: bool = False,
+    results: Results, name: str, spread: str = "interval", **selection: Unpack[Selection]
 ) -> Table:
     """Return paired differences of the main table's methods from another, over common clips.
 
     A method with samples is compared by its mean over them. Stars mark what `holm` finds.
     """
     # The reference is a method, or the mean of its training seeds.
-    protocol = results.protocol()
-    main = _main_table(results, metrics, strict, steps, has_seeds)
+    protocol, has_seeds = results.protocol(), selection.get("has_seeds")
+    main = _main_table(results, **selection)
     others = results.select() if has_seeds else results.select(name)
-    rows = _main_table(others, (), strict, steps, has_seeds).rows
+    selection["metrics"] = ()  # the reference may lack some
+    rows = _main_table(others, **selection).rows
     named = {row.label.partition(" (")[0]: row for row in rows} if has_seeds else {name: rows[0]}
     if name not in named:
         raise BadData(f"no method is called {name!r}{nearest(name, named)}")
@@ -109,15 +106,13 @@ def against(
 
 def _main_table(
     results: Results,
-    metrics: Sequence[str],
-    strict: bool,
+    *,
+    metrics: Sequence[str] = (),
     steps: Sequence[int] = (),
+    strict: bool = False,
     has_seeds: bool = False,
 ) -> Table:
-    """Return the table of whole frames and poses; BadData for a selected method without scores.
-
-    With steps, each metric has a column for each of them in place of their mean.
-    """
+    """Return the table of whole frames and poses; BadData for a selected method without scores."""
     protocol, scored = results.protocol(), []
     for method in results.methods():
         if method.status in ("done", "partial"):
@@ -251,7 +246,7 @@ def _set_scores(results: Results, method: Method, left_out: BoolArray) -> dict[s
             values[is_known] = np.mean(
                 [frechet_distances(real, sample) for sample in samples], axis=0
             )
-        scores[key] = BlockBootstrap().interval(values, protocol["clips"], (0.0, np.inf))
+        scores[key] = Intervals().interval(values, protocol["clips"], (0.0, np.inf))
     return scores
 
 
