@@ -83,22 +83,19 @@ def run(args: argparse.Namespace) -> Lines:
         return
     from geovp_benchmarks.tables import tables
 
-    options = {
-        "strict": args.strict,
-        "metrics": args.metrics,
-        "steps": args.steps,
-        "has_seeds": args.seeds,
-    }
+    selection = tables.Selection(
+        metrics=args.metrics, steps=args.steps, strict=args.strict, has_seeds=args.seeds
+    )
     if args.paper:
         from geovp_benchmarks.tables import published
 
         shown = published.build(results, args.paper)
     elif args.against:
-        shown = [tables.against(group, args.against, args.spread, **options) for group in groups]
+        shown = [tables.against(group, args.against, args.spread, **selection) for group in groups]
     elif args.by:
-        shown = [tables.build(group, args.spread, **options)[0] for group in groups]
+        shown = [tables.build(group, args.spread, **selection)[0] for group in groups]
     else:
-        shown = tables.build(results, args.spread, **options)
+        shown = tables.build(results, args.spread, **selection)
         if not (args.methods or args.metrics or args.strict or args.steps or args.seeds):
             formats.write_all(results, shown)
     match args.format:

@@ -170,6 +170,8 @@ class ScoreFiles:
 
         The database reduces the steps: those of many samples would fill the memory.
         """
+        if not any(records.values()):
+            return {}
         self._select(records, clips)
         rows = "selected"
         if steps:
@@ -219,35 +221,39 @@ class ScoreFiles:
         }
         records = [record for record in records if record.path not in others]
         paths = {record.path for record in records}
-        if len(paths) < 2:
-            return
-        latest = NewestRecords.of(records)
-        self._select({method: latest}, [*latest])
-        query = (
-            "SELECT method, clip, sample, step, metric, value FROM selected "
-            "ORDER BY number, metric, sample, step"
-        )
-        self._database.execute("SET memory_limit = '1GB'")  # sorting goes on in temporary files
-        merged = self._copy(query, folder, latest.joined, self.facts(records))
-        self._database.execute("RESET memory_limit")
-        for path in paths - {merged}:
-            path.unlink(missing_ok=True)
+        if len(paths) > 1:
+            latest = NewestRecords.of(records)
+            self._join({method: latest}, [*latest], folder, "value", paths)
 
     def compact(self, records: Mapping[str, NewestRecords], clips: Sequence[str]) -> None:
         """Join the scores of methods in one file, in single precision, and remove the others."""
-        before = self._paths
+        before = {*self._paths}
+        self._join(records, clips, self.root / "scores", "value::FLOAT AS value", before)
+        for folder in {path.parent for path in before}:
+            with suppress(OSError):  # not that of the new file
+                folder.rmdir()
+
+    def _join(
+        self,
+        records: Mapping[str, NewestRecords],
+        clips: Sequence[str],
+        folder: Path,
+        value: str,  # in SQL
+        replaced: set[Path],
+    ) -> None:
+        """Write the scores of some clips into one file in place of others."""
         joined = [record for of_method in records.values() for record in of_method.joined]
         facts = self.facts(record for each in records.values() for record in each.values())
         self._select(records, clips)
         query = (
-            "SELECT method, clip, sample, step, metric, value::FLOAT AS value FROM selected "
+            f"SELECT method, clip, sample, step, metric, {value} FROM selected "
             "ORDER BY method, number, metric, sample, step"
         )
-        path = self._copy(query, self.root / "scores", joined, facts)
-        for other in {*before} - {path}:
-            other.unlink()
-            with suppress(OSError):  # not that of the new file
-                other.parent.rmdir()
+        self._database.execute("SET memory_limit = '1GB'")  # sorting goes on in temporary files
+        path = self._copy(query, folder, joined, facts)
+        self._database.execute("RESET memory_limit")
+        for other in replaced - {path}:
+            other.unlink(missing_ok=True)
 
     def _metadata(self, key: str, paths: Iterable[Path]) -> list[tuple[str, str]]:
         """Return the names of files, and what they hold under a key."""

@@ -162,18 +162,8 @@ class Results:
     @_remembered
     def _all_scores(self, *steps: int) -> dict[str, Scores]:
         """Return the scores of all methods, or their means from one step to another."""
-        scores: dict[str, Scores] = {}
-        for group in self._groups():
-            scores |= self._score_files.scores(group, self.protocol()["clips"], steps)
-        return scores
-
-    def _groups(self) -> list[dict[str, NewestRecords]]:
-        """Return methods that share their files, so that one query reads them."""
-        groups: dict[frozenset[Path], dict[str, NewestRecords]] = {}
-        for name, method in self.by_name().items():
-            paths = frozenset(record.path for record in method.scored.values())
-            groups.setdefault(paths, {})[name] = method.scored
-        return [group for paths, group in groups.items() if paths]
+        records = {name: method.scored for name, method in self.by_name().items()}
+        return self._score_files.scores(records, self.protocol()["clips"], steps)
 
     @_remembered
     def clip_facts(self) -> Facts:

@@ -42,7 +42,12 @@ class Metrics:
     set: dict[str, SetMetric] = field(default_factory=dict)
     described: dict[str, Any] = field(default_factory=dict)  # their resolved settings
     about: dict[str, Any] = field(default_factory=dict)  # of all metrics, for protocol.json
-    unavailable: dict[str, str] = field(default_factory=dict)  # why others cannot be computed here
+
+    @property
+    def unavailable(self) -> dict[str, str]:
+        """Return why metrics cannot be computed here."""
+        reasons = {name: about["unavailable"] for name, about in self.about.items()}
+        return {name: reason for name, reason in reasons.items() if reason}
 
     @classmethod
     def build(cls, asked: Mapping[str, Specs], size_px: tuple[int, int]) -> Self:
@@ -59,7 +64,7 @@ class Metrics:
                 try_out = partial(_try_out, about=about, blank=blank)
                 metric = build(f"{role}_metrics", name, spec, try_out)
                 if isinstance(metric, Failure):
-                    about["unavailable"] = metrics.unavailable[name] = metric.reason
+                    about["unavailable"] = metric.reason
                 else:
                     getattr(metrics, role)[name] = metric
                     metrics.described[name] = registry.describe(metric)
