@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from PIL import Image, ImageDraw
 
 from geovp_classic import registry
 from geovp_classic.data.layouts import detection
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, check_kind
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.observation import Observer
 from geovp_classic.predictors.default import default_pose_source
@@ -37,6 +38,10 @@ def open_clip(source: Spec | Path, index: int = 0) -> Clip:
     TUM RGB-D, EuRoC, or a COLMAP model with its images, or a ROS bag. Raises BadData for any other
     source.
     """
+    check_kind(
+        "source", source, (str, Path, Mapping), "a folder, the name of a data set, or a table"
+    )
+    check_kind("index", index, Integral, "a whole number")
     if not isinstance(source, Mapping) and source not in registry.names("datasets"):
         source = detection.spec(Path(source).expanduser())
     dataset: Dataset = registry.build("datasets", source)
@@ -67,11 +72,12 @@ def predict(
     from the first ones: a warning is logged, and `is_trusted` of the prediction is False. With
     `hindcast=None`, each scene is shown.
     """
-    if not isinstance(context, Context):
-        raise BadData(
-            f"predict needs a Context, but a {type(context).__name__} was given: give the first "
-            "part of `clip.split(...)`"
-        )
+    check_kind("context", context, Context, "the first part of `clip.split(...)`")
+    check_kind("num_samples", num_samples, Integral, "a whole number")
+    check_kind("mask", mask, (str, Path, type(None)), "an image file or None")
+    check_kind(
+        "hindcast", hindcast, (Hindcast, type(None)), "a Hindcast, or None to show each scene"
+    )
     if not num_samples >= 1:
         raise BadData(f"num_samples is {num_samples}: give 1 or more")
     # Track, forecast, refine and render, with a hindcast of the result
@@ -100,6 +106,8 @@ def evaluate(
     metrics: Sequence[Spec] = ("psnr", "ssim"),
 ) -> dict[str, FloatArray]:
     """Return the values [S, F] of each frame metric by name, for each sample and future step."""
+    check_kind("prediction", prediction, Prediction, "a Prediction")
+    check_kind("target", target, Target, "the second part of `clip.split(...)`")
     values: dict[str, FloatArray] = {}
     for spec in [metrics] if isinstance(metrics, str) else metrics:
         metric: FrameMetric = registry.build("frame_metrics", spec)
@@ -119,6 +127,7 @@ def show(
     A clip or context is one row, labelled with seconds since its first frame; a target is one that
     is labelled with the number of the future frame. A prediction has such a row per sample.
     """
+    check_kind("shown", shown, (Clip, Context, Target, Prediction), "a clip or a prediction")
     if min(num_frames, max_samples) < 1:
         raise BadData(
             f"num_frames is {num_frames} and max_samples {max_samples}: give 1 or more of each"

@@ -24,6 +24,13 @@ class MissingExtra(GeovpError):
     """Registered component with a requirement that is not installed or not on disk."""
 
 
+def check_kind(name: str, value: object, kinds: type | tuple[type, ...], expected: str) -> None:
+    """Raise BadData unless an argument is of one of the kinds."""
+    if not isinstance(value, kinds):
+        given = " ".join(repr(value).split())  # arrays have several lines
+        raise BadData(f"{name} is {given:.100}, expected {expected}")
+
+
 def install_command(extra: str) -> str:
     """Return the pip command that installs an extra of this package."""
     return f"pip install 'geovp[{extra}]'"

@@ -4,10 +4,11 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from numbers import Real
 
 import numpy as np
 
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData, Incompatible, check_kind
 from geovp_classic.geometry import planar
 from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.pose_sources.chained import Chained
@@ -68,6 +69,9 @@ class LivePredictor:
         camera_height_m: float | None = None,
         settings: LiveSettings | None = None,
     ) -> None:
+        check_kind("intrinsics", intrinsics, Intrinsics, "Intrinsics")
+        check_kind("camera_height_m", camera_height_m, (Real, type(None)), "a number or None")
+        check_kind("settings", settings, (LiveSettings, type(None)), "LiveSettings or None")
         self.intrinsics = intrinsics
         self.settings = (settings or LiveSettings()).for_camera(camera_height_m)
         self._height_m = camera_height_m
@@ -212,12 +216,10 @@ class LivePredictor:
                 f"the frame is {image.dtype} {image.shape}, expected uint8 {shape}: resize it, "
                 "or give the intrinsics of this size"
             )
-        if not np.isfinite(time_s):
-            raise BadData(f"the frame's time is {time_s}, expected seconds")
+        _check_time("frame", time_s)
 
     def _check_request(self, time_s: float, is_given: bool) -> None:
-        if not np.isfinite(time_s):
-            raise BadData(f"the time of the view is {time_s}, expected seconds")
+        _check_time("view", time_s)
         if is_given and self._height_m is None:
             raise Incompatible(
                 "the motion is given in metres, but the scale is unknown: give the camera's height "
@@ -253,6 +255,11 @@ class LivePredictor:
             image = settings.odometry.image(grey, frame.time_s, observations.mask)
             self._odometry.push(image)
         return self._odometry
+
+
+def _check_time(of: str, time_s: object) -> None:
+    if not isinstance(time_s, Real) or not np.isfinite(float(time_s)):
+        raise BadData(f"the time of the {of} is {time_s}, expected seconds")
 
 
 @contextmanager

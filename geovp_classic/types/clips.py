@@ -5,10 +5,11 @@ from __future__ import annotations
 import copy
 import enum
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 
 import numpy as np
 
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, check_kind
 from geovp_classic.types.arrays import (
     BoolArray,
     ByteArray,
@@ -89,6 +90,10 @@ class Clip(ShortRepr):
 
     def split(self, num_past: int, needs: PrivilegedInput) -> tuple[Context, Target]:
         """Return the context of a predictor with these privileged inputs, and the target."""
+        check_kind("num_past", num_past, Integral, "a whole number")
+        check_kind(
+            "needs", needs, PrivilegedInput, "a PrivilegedInput, such as PrivilegedInput.NONE"
+        )
         if not 1 <= num_past < len(self):
             raise BadData(
                 f"{self.name}: num_past is {num_past}, expected 1 to {len(self) - 1} for "
@@ -267,6 +272,7 @@ def _check_steps(owner: Clip | Context, field: str, count: int) -> None:
 def _check_height(owner: Clip | Context) -> None:
     """Check the height of the camera, if it is known."""
     height_m = owner.camera_height_m
+    check_kind("camera_height_m", height_m, (Real, type(None)), "a number or None")
     if height_m is not None and not 0 < height_m < np.inf:
         raise BadData(
             f"{owner.name or 'context'}: camera_height_m is {height_m}, expected more than 0, or "

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -71,6 +72,16 @@ class TestPredict:
             geovp.predict(clip)
         with pytest.raises(BadData, match="num_samples is 0"):
             geovp.predict(context, num_samples=0)
+        for given in ({"num_samples": 2.5}, {"hindcast": False}, {"mask": 3}):
+            with pytest.raises(BadData, match=next(iter(given)) + r" is .*, expected an? "):
+                geovp.predict(context, **given)
+        for source in (None, 3, ["synthetic"]):
+            with pytest.raises(BadData, match=r"source is .*, expected a folder"):
+                geovp.open_clip(source)
+        with pytest.raises(BadData, match=r"camera_height_m is '1.4', expected a number"):
+            replace(context, camera_height_m="1.4")
+        with pytest.raises(BadData, match=r"num_past is 2.5, expected a whole number"):
+            clip.split(2.5, geovp.PrivilegedInput.NONE)
         with pytest.raises(BadData, match="none of the renderers: give a name"):
             geovp.predict(context, renderer=StandStill())
         with pytest.raises(BadData, match="StandStill'> is none of the pose_sources"):
