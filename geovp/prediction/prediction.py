@@ -165,7 +165,7 @@ class Predicted:
         return about
 
     def summary(self) -> list[str]:
-        """Return lines on the camera, the forecast and what is shown, metrics and warnings."""
+        """Return lines on camera, horizon, forecast and what is shown, metrics and warnings."""
         camera = self.camera
         interval = ""
         if camera.interval_px is not None:
@@ -176,6 +176,12 @@ class Predicted:
         ]
         if self.mask_fraction > 0:
             lines.append(f"mask: {self.mask_fraction:.1%} of the image does not show the scene")
+        context = self.context
+        ahead_s = context.times_s[-1] - context.times_s[context.num_past - 1]
+        rate_hz = context.num_future / ahead_s
+        lines.append(
+            f"{context.num_future} frames, {rate_hz:.3g} per second: {ahead_s:.2f} s ahead"
+        )
         motion = self.prediction.motion
         if motion is not None and motion.forecaster is not None:
             lines.append(f"forecast by {registry.name_of(motion.forecaster)}")

@@ -121,6 +121,7 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     assert len(latest.actual) == 0
     assert latest.scores == {}
     assert not latest.prediction.motion.past.is_metric
+    assert "2 frames, 10 per second: 0.20 s ahead" in latest.summary()
     exports.write(latest, tmp_path / "new" / "out")
     assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
 
