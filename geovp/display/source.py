@@ -159,8 +159,8 @@ def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recordi
         "sequences": sequence and [sequence],
         "frame_step": request.frame_step,
     }
-    if table["name"] == "rosbag":
-        table["pose_topic"] = ""  # poses are not shown, and there may be several topics of them
+    if table["name"] == "rosbag":  # poses are not shown, and there may be several topics of them
+        table |= {"pose_topic": "", "rate_hz": 10.0}
     for name in ("rate_hz", "camera_height_m", "image_topic", "image_bits", "name_pattern"):
         if (value := getattr(request, name)) is not None:
             table[name] = value

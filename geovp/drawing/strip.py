@@ -30,5 +30,6 @@ def draw_strip(
         axes.set_title(label, loc="left")
         axes.set(frame_on=False, xticks=[], yticks=[])
         axes.tick_params(length=0, grid_alpha=0)
-    heads = [f"+{k}, {ahead_s[k - 1]:.1f} s" for k in steps]
+    digits = 1 if ahead_s[0] > 0.095 else 2  # of seconds: 30 frames per second are 0.03 s apart
+    heads = [f"+{k}, {ahead_s[k - 1]:.{digits}f} s" for k in steps]
     axes.set_xticks(np.arange(num_steps) * (width_px + gap_px) + width_px / 2, heads)

@@ -4,6 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -314,3 +315,9 @@ def test_settings_of_the_input_are_used(tmp_path: Path) -> None:
         Source.open(PredictionRequest(bag, image_topic="/deep/image_raw"))
     source = Source.open(PredictionRequest(bag, image_topic="/deep/image_raw", image_bits=12))
     assert (source.read(2) == 50).all()
+
+
+def test_of_a_bag_at_30_hz_each_third_frame_is_shown(tmp_path: Path) -> None:
+    bag = bag_files.write(tmp_path, "fast", replace(CLIP, times_s=CLIP.times_s / 3))
+    assert len(Source.open(PredictionRequest(bag)).times_s) == len(CLIP) / 3
+    assert len(Source.open(PredictionRequest(bag, rate_hz="native")).times_s) == len(CLIP)

@@ -38,7 +38,7 @@ SHARED: dict[str, Any] = {
     ),
     "--rate RATE": option(
         "About how many frames per second to use, or `native` for all. Default: 10 of a faster "
-        "video, folder or bag, native for other data sets.",
+        "video or folder, and of a bag that is predicted or displayed; native for other data.",
         dest="rate_hz",
     ),
     "--every N = 1": option("Use only each Nth of these frames.", dest="frame_step"),

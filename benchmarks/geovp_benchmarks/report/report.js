@@ -87,7 +87,7 @@ if (byId("step")) {
   const showStep = () => {
     const k = Number(step.value), seconds = when.dataset.stepS;
     document.body.style.setProperty("--step", k);
-    when.textContent = k ? `+${k}` + (seconds ? ` (${(k * seconds).toFixed(1)} s)` : "") : "last observed";
+    when.textContent = k ? `+${k}` + (seconds ? ` (${(k * seconds).toFixed(seconds > 0.095 ? 1 : 2)} s)` : "") : "last observed";
   };
   const showPair = () => {
     const pair = [left, right].map((choice) => films()[choice.selectedIndex].cloneNode(true));

@@ -11,6 +11,7 @@ import pytest
 from matplotlib.text import Text
 
 from geovp.drawing.page import Page
+from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import plots
 from geovp_benchmarks.plots import Options, clips, style
 from geovp_benchmarks.results import stored_facts
@@ -172,6 +173,12 @@ class TestStrips:
             np.testing.assert_array_equal(sheet[8, 8::17, 0], first + np.arange(1, 7))
         heads = [label.get_text() for label in axes[-1].get_xticklabels()]
         assert heads[4] == "+5, 0.5 s"
+
+    def test_30_frames_per_second_are_labelled_in_hundredths(self) -> None:
+        page = Page("strip")
+        draw_strip(page, {"row": np.zeros((6, 4, 4, 3), np.uint8)}, np.arange(1, 7) / 30, 6.0)
+        heads = [label.get_text() for label in page.figure.axes[0].get_xticklabels()]
+        assert heads[:3] == ["+1, 0.03 s", "+2, 0.07 s", "+3, 0.10 s"]
 
     def test_a_kept_clip_of_another_protocol_has_none(self, copied: Path) -> None:
         results = Results(copied)
