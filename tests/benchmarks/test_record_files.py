@@ -50,6 +50,15 @@ def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> Non
         results.protocol()
 
 
+@pytest.mark.parametrize("text", ["{", "[]", "{}"])
+def test_a_damaged_protocol_is_named_once(text: str, tmp_path: Path) -> None:
+    (tmp_path / "protocol.json").write_text(text)
+    with pytest.raises(BadData) as caught:
+        Results(tmp_path).protocol()
+    assert str(caught.value).count("protocol.json") == 1
+    assert "add it" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     "changed",
     [

@@ -110,6 +110,10 @@ def test_folders_that_disagree_are_refused(
     a, out = tmp_path / "whole", tmp_path / "out"
     assert "'noise' with other settings" in refused("merge", out, a, tmp_path / "settings")
     assert "differ in the protocol's dataset" in refused("merge", out, a, tmp_path / "frames")
+    for path in (tmp_path / "frames").glob("noise/scores/part-*"):
+        path.write_bytes(b"half a file")
+    assert "is damaged" in refused("merge", out, tmp_path / "frames")
+    assert not out.exists()
     results = Results(a)
     protocol = results.protocol()
     Results(tmp_path / "settings").write_protocol(

@@ -102,6 +102,8 @@ def _comparable(protocol: Mapping[str, Any]) -> dict[str, Any]:
 
 def _add_methods(methods: dict[str, Method], results: Results) -> None:
     """Add the methods of a folder; of one that could not be built everywhere, where it could."""
+    for path in results.damaged_files():
+        raise BadData(f"{path} is damaged: `geovp run` in that folder computes it again")
     for name, method in results.by_name().items():
         before = methods.get(name)
         if before is None or not before.fingerprint:

@@ -120,7 +120,9 @@ def _protocol(text: str) -> dict[str, Any]:
 
 def read(path: Path, kind: Any, **more: Any) -> Any:
     """Return the validated content of a file; raise BadData that names the file and the key."""
+    content = files.read_json(path) | more
     try:
-        return validated(kind, files.read_json(path) | more)
+        return validated(kind, content)
     except BadData as problem:
-        raise BadData(f"{path}: {problem}: restore it, or remove it and run again") from None
+        reason = str(problem).removesuffix(": add it")
+        raise BadData(f"{path}: {reason}: restore it, or remove it and run again") from None
