@@ -25,7 +25,7 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
     roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
     defaults = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
     keys = metrics or [*dict.fromkeys(defaults)]
-    columns: dict[str, list[str]] = {"clip": clips}
+    columns: dict[str, list[str]] = {"clip": clips, "labels": []}
 
     # What the clips are: numbers, then words of the data set.
     names = dict.fromkeys(name for of_clip in facts.values() for name in of_clip)
