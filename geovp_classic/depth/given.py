@@ -42,8 +42,8 @@ class Given:
             )
         is_known = depths > 0
         inverse_depths = (is_known / np.where(is_known, depths, 1)).astype(np.float32)
-        for inverse_depth, depth, known in zip(inverse_depths, depths, is_known, strict=True):
+        for step, inverse_depth in enumerate(inverse_depths):
             nearest_around = cv2.dilate(inverse_depth, np.ones((3, 3), np.uint8))
-            touching = np.where(np.isinf(depth), nearest_around, inverse_depth)
-            inverse_depth[:] = fill_from_background(touching, known)
+            touching = np.where(np.isinf(depths[step]), nearest_around, inverse_depth)
+            inverse_depths[step] = fill_from_background(touching, is_known[step])
         return inverse_depths, is_known.astype(np.float32)
