@@ -83,12 +83,14 @@ class Material:
 
     @cached_property
     def step_s(self) -> float | None:
-        """Return the seconds between two frames, the same in all clips; None if they differ."""
+        """Return the mean seconds between two frames; None if those of clips differ by 2 %."""
         facts = self.results.clip_facts().values()
-        intervals_s = {round(float(of_clip.get("interval_s", 0)), 3) for of_clip in facts} - {0}
+        intervals_s = [float(of_clip["interval_s"]) for of_clip in facts if "interval_s" in of_clip]
         for name in [] if intervals_s else self.clips[:1]:  # of earlier versions
-            intervals_s.add(float(np.diff(self.results.clips().read(name).times_s).mean()))
-        return intervals_s.pop() if len(intervals_s) == 1 else None
+            intervals_s = [float(np.diff(self.results.clips().read(name).times_s).mean())]
+        if max(intervals_s, default=np.inf) > 1.02 * min(intervals_s, default=0.0):
+            return None
+        return float(np.mean(intervals_s))
 
 
 def uses_ground_truth(marks: str) -> bool:

@@ -14,11 +14,13 @@ from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import plots
 from geovp_benchmarks.plots import Options, clips, style
+from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
+from tests.benchmarks.made import write_protocol, write_row
 from tests.benchmarks.views.conftest import CLIPS, KEPT
 
 CLIP = "01-a-b-0-9-x-y"
@@ -127,6 +129,17 @@ class TestHorizon:
         assert gains == pytest.approx(expected)
         bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
         np.testing.assert_allclose(bars[-1][:, 1], 2.0)  # the same gain on each clip
+
+    @pytest.mark.parametrize(("other_s", "mean_s"), [(0.1039, 0.10365), (0.12, None)])
+    def test_seconds_need_clips_of_one_rate(
+        self, tmp_path: Path, other_s: float, mean_s: float | None
+    ) -> None:
+        """Two drives of KITTI, and two cameras."""
+        results = Results(tmp_path)
+        write_protocol(results, ["m"], "xy")
+        rows = [(clip, 0, 1, "psnr", 20.0) for clip in "xy"]
+        write_row(results, "m", rows, {"x": {"interval_s": 0.1034}, "y": {"interval_s": other_s}})
+        assert Material(results, Options()).step_s == (mean_s and pytest.approx(mean_s))
 
     @pytest.mark.parametrize("width_in", [None, 2.5, 3.3])
     def test_the_legend_lies_inside_the_figure(self, copied: Path, width_in: float | None) -> None:
