@@ -82,9 +82,11 @@ class TestRun:
         assert signal.getsignal(signal.SIGTERM) is before
 
     def test_all_scores_are_exported_as_one_table(
-        self, tmp_path: Path, command: Command, printed: Says
+        self, tmp_path: Path, command: Command, printed: Says, refused: Says
     ) -> None:
         command(*run(tmp_path, other={"name": "toy-broken"}))  # a method without scores
+        words = ["export", tmp_path / "out", "--method", "other", "--out", tmp_path / "x.csv"]
+        assert "has no scores of these methods" in refused(*words)
         num_rows = sum(len(rows(tmp_path / "out", name)) for name in ("steady--slide", "still"))
         for ending in ("csv", "parquet"):
             path = tmp_path / f"scores.{ending}"

@@ -11,7 +11,6 @@ Examples:
 """
 
 import argparse
-import errno
 
 from geovp_benchmarks.cli.options import Lines, option, shared
 
@@ -47,25 +46,8 @@ def run(args: argparse.Namespace) -> Lines:
         return
     if args.root or args.limit:
         raise BadData("--root and --limit are those of --format conditions: leave them out")
-    # All scores in one table, a method at a time.
-    import duckdb
-    import numpy as np
-
     from geovp_classic.atomic import atomic_write
 
-    with duckdb.connect() as database, atomic_write(args.out) as scratch:
-        types = "method TEXT, clip TEXT, sample INT, step INT, metric TEXT, value DOUBLE"
-        database.execute(f"CREATE TABLE scores ({types})")
-        for method in results.methods():
-            if method.status not in ("done", "partial"):  # its scores are those of a copy
-                continue
-            rows = results.scores(method.name).rows()
-            columns = map(np.array, zip(*((method.label, *row) for row in rows), strict=True))
-            database.register("rows", dict(enumerate(columns)))
-            database.execute("INSERT INTO scores SELECT * FROM rows")
-        database.execute("UPDATE scores SET value = NULL WHERE isnan(value)")
-        try:
-            getattr(database.table("scores"), f"write_{args.format}")(str(scratch))
-        except duckdb.IOException as error:
-            raise OSError(errno.EIO, str(error), str(args.out)) from error
+    with atomic_write(args.out) as scratch:
+        results.export(scratch, args.format)
     yield str(args.out)

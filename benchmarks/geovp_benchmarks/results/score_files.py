@@ -192,6 +192,25 @@ class ScoreFiles:
             by_method.setdefault(method, {})[metric] = scores
         return {method: Scores(clips, arrays) for method, arrays in by_method.items()}
 
+    def export(
+        self,
+        records: Mapping[str, NewestRecords],
+        clips: Sequence[str],
+        labels: Mapping[str, str],  # of methods
+        path: Path,
+        kind: str,  # csv or parquet
+    ) -> None:
+        """Write all scores of these clips into one table; OSError without room."""
+        self._select(records, clips)
+        label = " ".join(
+            f"WHEN '{_quoted(name)}' THEN '{_quoted(text)}'" for name, text in labels.items()
+        )
+        query = (
+            f"SELECT CASE method {label} END AS method, clip, sample, step, metric, "
+            "value::DOUBLE AS value FROM selected ORDER BY method, number, metric, sample, step"
+        )
+        self._copy_to(path, query, f"FORMAT {kind}")
+
     def write(self, method: str, scored: Sequence[tuple[Scores, ScoreRecord]]) -> None:
         """Write a score file of a method; OSError without room."""
         rows = [row for scores, _ in scored for row in scores.rows()]
@@ -291,18 +310,23 @@ class ScoreFiles:
         pairs = ", ".join(f"{key}: '{_quoted(text)}'" for key, text in metadata.items())
         folder.mkdir(parents=True, exist_ok=True)
         scratch = folder / f".{uuid.uuid4()}.part"
+        settings = f"FORMAT parquet, COMPRESSION zstd, KV_METADATA {{{pairs}}}"
         try:
-            self._database.execute(
-                f"COPY ({query}) TO '{_quoted(scratch)}' (FORMAT parquet, COMPRESSION zstd, "
-                f"USE_TMP_FILE false, KV_METADATA {{{pairs}}})"
-            )
+            self._copy_to(scratch, query, settings)
             path = folder / f"part-{_digest(scratch)}.parquet"
             scratch.rename(path)
-        except duckdb.IOException as problem:
-            raise OSError(errno.EIO, str(problem), str(folder)) from problem
         finally:
             scratch.unlink(missing_ok=True)
         return path
+
+    def _copy_to(self, path: Path, query: str, settings: str) -> None:
+        """Write the rows of a query into a file; OSError without room."""
+        try:
+            self._database.execute(
+                f"COPY ({query}) TO '{_quoted(path)}' ({settings}, USE_TMP_FILE false)"
+            )
+        except duckdb.IOException as problem:
+            raise OSError(errno.EIO, str(problem), str(path)) from problem
 
 
 def _digest(path: Path) -> str:

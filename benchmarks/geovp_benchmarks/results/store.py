@@ -153,10 +153,26 @@ class Results:
         scores = self._scores_of(method, first_step, last_step or 10**6)
         return {metric: values[..., 0] for metric, values in scores.values.items()}
 
-    def _scores_of(self, method: str, *steps: int) -> Scores:
+    def export(self, path: Path, kind: str) -> None:
+        """Write the scores of all selected methods, by their labels, as a csv or parquet file."""
+        # the scores of other methods are those of a copy
+        methods = [method for method in self.methods() if method.status in ("done", "partial")]
+        for method in methods:
+            self._require_whole(method.name)
+        labels = {method.name: method.label for method in methods}
+        records = {method.name: method.scored for method in methods}
+        if not any(records.values()):
+            raise BadData(f"{self.root} has no scores of these methods: run it first")
+        self._score_files.export(records, self.protocol()["clips"], labels, path, kind)
+
+    def _require_whole(self, method: str) -> None:
+        """Raise BadData for a damaged score file of a method."""
         for path in self._score_files.damaged:
             if path.parent in (self.root / "scores", self.root / method / "scores"):
                 raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
+
+    def _scores_of(self, method: str, *steps: int) -> Scores:
+        self._require_whole(method)
         return self.select()._all_scores(*steps).get(method, Scores(self.protocol()["clips"], {}))
 
     @_remembered
