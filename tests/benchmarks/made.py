@@ -117,7 +117,6 @@ def write_row(
     clips = list(dict.fromkeys(clip for clip, *_ in lines))
     own = {
         "label": name.replace("--", " + "),
-        "kind": "predictor",
         "status": "done",
         "privileged_inputs": [],
         "num_samples": 1,

@@ -34,7 +34,7 @@ def test_every_pose_source_meets_every_renderer_in_the_order_of_the_file() -> No
     methods = schema.parse("m", content(pose_sources=sources, renderers=renderers)).methods
     assert [method.name for method in methods] == ["b--r", "b--q", "a--r", "a--q", "copy"]
     assert methods[0].label == "b + r"
-    assert [method.kind for method in methods] == ["geometric"] * 4 + ["predictor"]
+    assert [method.renderer for method in methods] == ["r", "q", "r", "q", None]
 
 
 def test_samples_are_the_protocols_unless_an_entry_says_otherwise() -> None:
@@ -46,11 +46,11 @@ def test_samples_are_the_protocols_unless_an_entry_says_otherwise() -> None:
 
 
 def test_metrics_are_a_list_or_a_table_of_columns() -> None:
-    assert list(schema.parse("m", content()).frame_metrics) == ["psnr", "ssim", "lpips"]
+    assert list(schema.parse("m", content()).metrics["frame"]) == ["psnr", "ssim", "lpips"]
     parsed = schema.parse(
         "m", content(metrics={"frame": ["psnr", {"name": "lpips", "net": "squeeze"}]})
     )
-    assert parsed.frame_metrics == {
+    assert parsed.metrics["frame"] == {
         "psnr": {"name": "psnr"},
         "lpips": {"name": "lpips", "net": "squeeze"},
     }

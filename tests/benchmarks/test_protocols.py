@@ -72,7 +72,7 @@ DEFINITIONS: dict[str, dict[str, Definition]] = {
 )
 def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, column: str) -> None:
     predicted, target = frames()
-    metric = registry.build("frame_metrics", papers.load(protocol).metrics[column])
+    metric = registry.build("frame_metrics", papers.load(protocol).metrics["frame"][column])
     expected = [
         DEFINITIONS[protocol][column](p / 255, t / 255)
         for p, t in zip(predicted, target, strict=True)
@@ -82,7 +82,7 @@ def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, c
 
 def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
     predicted, target = frames()
-    metrics = papers.load("fvs20").metrics
+    metrics = papers.load("fvs20").metrics["frame"]
     assert list(metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
     # pytorch-msssim 1.0.0, ms_ssim(..., data_range=1.0), on the same frames
     values = registry.build("frame_metrics", metrics["ms-ssim"])(predicted, target, None)
@@ -112,7 +112,7 @@ def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
     parsed = schema.parse("m", {**FOLLOWS, "protocol": protocol, "metrics": {"frame": ["psnr"]}})
     assert (parsed.dataset, parsed.root) == (own, Path("odometry"))
     assert (parsed.num_past, parsed.stride) == (4, 14)
-    assert list(parsed.frame_metrics) == ["psnr"]
+    assert list(parsed.metrics["frame"]) == ["psnr"]
 
 
 @pytest.mark.parametrize(
@@ -132,6 +132,6 @@ def test_every_protocol_gives_a_matrix_whose_metrics_can_be_built(name: str) -> 
     protocol = {"name": name, "root": "somewhere", "dataset": "synthetic"}
     parsed = schema.parse(name, {**FOLLOWS, "protocol": protocol})
     assert parsed.num_future == papers.load(name).num_future
-    for spec in parsed.frame_metrics.values():
+    for spec in parsed.metrics["frame"].values():
         if spec["name"] != "lpips":  # needs torch
             assert registry.build("frame_metrics", spec).protocol

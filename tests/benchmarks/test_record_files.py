@@ -18,7 +18,6 @@ from tests.benchmarks.made import write_protocol
 
 METHOD = {
     "label": "x",
-    "kind": "predictor",
     "status": "done",
     "privileged_inputs": ["PAST_POSES"],
     "num_samples": 1,

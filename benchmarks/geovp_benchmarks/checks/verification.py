@@ -25,8 +25,12 @@ class Pair:
 
     results: Results
     method: Method
-    record: ScoreRecord
     clip: str
+
+    @property
+    def record(self) -> ScoreRecord:
+        """Return how the clip was scored."""
+        return self.method.scored[self.clip]
 
 
 class Verdict(NamedTuple):
@@ -42,11 +46,7 @@ def sample(results: Results, count: int, seed: int, root: Path | None) -> list[P
 
     Raises BadData unless the data set is available with the same frames.
     """
-    pairs = [
-        Pair(results, method, record, clip)
-        for method in results.methods()
-        for clip, record in method.scored.items()
-    ]
+    pairs = [Pair(results, method, clip) for method in results.methods() for clip in method.scored]
     if not pairs or "rescored_from" in results.protocol():
         raise BadData(
             f"{results.root} has no predictions that can be recomputed: give a folder in which "

@@ -82,7 +82,7 @@ def read_method(
     predictor = build_method(matrix, label)
     dataset = matrix.build_dataset(predictor.needs | needs)
     num_clips = len(range(len(dataset))[:limit])
-    metrics = Metrics.build({"frame": matrix.frame_metrics}, matrix.size_px)
+    metrics = Metrics.build({"frame": matrix.metrics["frame"]}, matrix.size_px)
     unavailable = [
         f"{name} is unavailable: {reason}" for name, reason in metrics.unavailable.items()
     ]

@@ -59,8 +59,7 @@ class Paper(BaseModel):
     size_px: tuple[int, int]  # (width, height)
     stride: int  # frames between the starts of two clips
     dataset: Spec
-    metrics: Specs
-    set_metrics: Specs = {}
+    metrics: dict[str, Specs]  # by role
     published: Published
     num_clips: int | None = None
     num_samples: int = 1  # the best by the mean over steps counts, per clip and metric
@@ -81,11 +80,9 @@ def load(name: str) -> Paper:
             "all"
         )
     content = tomllib.loads((PAPERS / f"{name}.toml").read_text("utf-8"))
-    metrics = content["metrics"]
-    facts = {"name": name, "metrics": metrics["frame"], **content["paper"]}
-    facts["set_metrics"] = metrics.get("set", {})
+    tables = {key: content[key] for key in ("metrics", "published")}
     paper: Paper = validated(
-        Paper, {**content["protocol"], **facts, "published": content["published"]}
+        Paper, {"name": name, **content["protocol"], **content["paper"], **tables}
     )
     return paper
 
@@ -101,5 +98,4 @@ def expanded(content: Mapping[str, Any]) -> Mapping[str, Any]:
     choices = paper.model_dump(include=keys) | dict(table)
     del choices["name"]
     metrics = validated(dict[str, Any], matrix.get("metrics", {}), "metrics")
-    of_paper = {"frame": paper.metrics, "set": paper.set_metrics}
-    return {**matrix, "protocol": choices, "metrics": {**of_paper, **metrics}}
+    return {**matrix, "protocol": choices, "metrics": {**paper.metrics, **metrics}}

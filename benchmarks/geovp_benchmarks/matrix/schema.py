@@ -95,9 +95,7 @@ class Matrix(ProtocolTable, ComponentTables):
 
     name: str
     dataset: Spec  # of stored results with the fields that the protocol sets, too
-    frame_metrics: Specs
-    trajectory_metrics: Specs
-    set_metrics: Specs = {}
+    metrics: dict[str, Specs]  # by role
     selected: tuple[str, ...] = ()  # labels of methods, in this order; empty: all
     max_samples: int | None = None  # of each method
 
@@ -117,11 +115,6 @@ class Matrix(ProtocolTable, ComponentTables):
         )
         methods = {method.label: method for method in (*geometric, *predictors)}
         return tuple(methods[label] for label in self.selected or methods)
-
-    @property
-    def metrics(self) -> dict[str, Specs]:
-        """Return the metrics by role."""
-        return {role: getattr(self, f"{role}_metrics") for role in ("frame", "trajectory", "set")}
 
     def _num_samples(self, entry: Component) -> int:
         """Return the number of samples that an entry is asked for."""
@@ -212,10 +205,10 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
             f"the matrix file has another value than numbers and text: {problem}"
         ) from problem
     file = validated(MatrixFile, content)
-    metrics = {f"{role}_metrics": specs for role, specs in file.metrics}
+    metrics = dict(file.metrics)
     _check_columns([name for specs in metrics.values() for name in specs])
     tables = file.model_dump(exclude={"metrics", "protocol"}) | file.protocol.model_dump()
-    matrix = Matrix(name=name, **tables, **metrics)
+    matrix = Matrix(name=name, metrics=metrics, **tables)
     _check_methods(matrix)
     return matrix
 

@@ -17,11 +17,11 @@ def matrix_of(
     keys = ("name", "dataset", "num_past", "num_future", "size_px", "stride")
     fields: dict[str, Any] = {key: protocol[key] for key in keys}
     fields |= {"root": root, "num_samples": method.num_samples}
-    fields |= {"frame_metrics": {}, "trajectory_metrics": {}, "set_metrics": {}}
+    fields["metrics"] = {"frame": {}, "trajectory": {}, "set": {}}
     for role, spec in method.components.items():
         fields[f"{role}s"] = {getattr(method, role, method.name): spec}
     for name, spec in (metrics or {}).items():
         role = protocol["metrics"][name]["role"]
-        fields[f"{role}_metrics"][name] = spec
+        fields["metrics"][role][name] = spec
     matrix: Matrix = validated(Matrix, fields, "protocol.json")
     return matrix

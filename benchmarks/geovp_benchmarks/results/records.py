@@ -47,7 +47,6 @@ class Method(BaseModel):
 
     name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
     label: str  # for people: "gt-3d + ground-far-plane"
-    kind: str  # "geometric" or "predictor"
     num_samples: int  # S, predicted futures
     status: str = "done"  # or "partial", "skipped", "failed"
     privileged_inputs: list[str] = []  # names of the members of PrivilegedInput
@@ -69,11 +68,10 @@ class Method(BaseModel):
     def of(cls, num_samples: int, source: str, renderer: str | None = None) -> Self:
         """Return a method of a matrix file: a predictor, or a pose source with a renderer."""
         if renderer is None:
-            return cls(name=source, label=source, kind="predictor", num_samples=num_samples)
+            return cls(name=source, label=source, num_samples=num_samples)
         return cls(
             name=f"{source}--{renderer}",
             label=f"{source} + {renderer}",
-            kind="geometric",
             num_samples=num_samples,
             pose_source=source,
             renderer=renderer,

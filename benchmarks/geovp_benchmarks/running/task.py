@@ -208,7 +208,7 @@ def _predict(
 ) -> Prediction:
     """Return the prediction of a method, from steps that other methods may have computed."""
     num_samples = method.num_samples
-    if method.kind == "predictor":
+    if method.renderer is None:
         with usage.measure("predict"):
             prediction: Prediction = predictor.predict(context, num_samples)
         return prediction

@@ -87,7 +87,7 @@ def _subset(results: Results, clips: Iterable[str], label: str) -> Results:
 def _covered(results: Results) -> tuple[dict[str, float], str]:
     """Return the fraction of pixels that a method covers by clip, and its name in words."""
     for method in results.methods():
-        if method.kind == "geometric" and method.status == "done":
+        if method.renderer and method.status == "done":
             samples = results.means(method.name)[COVERAGE]
             covered = nanmean(samples, axis=1).tolist()  # over samples
             facts = dict(zip(results.protocol()["clips"], covered, strict=True))

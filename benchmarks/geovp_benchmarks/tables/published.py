@@ -22,9 +22,11 @@ def build(results: Results, name: str) -> list[Table]:
     published = paper.published
     suffixes = [f" t+{k}" for k in paper.horizons] or [""]
     headings = {
-        metric + suffix: title(metric) + suffix for metric in paper.metrics for suffix in suffixes
+        metric + suffix: title(metric) + suffix
+        for metric in paper.metrics["frame"]
+        for suffix in suffixes
     }
-    headings |= {metric: title(metric) for metric in paper.set_metrics}
+    headings |= {metric: title(metric) for metric in paper.metrics.get("set", ())}
     methods = _measured(results, published.row, paper.horizons)
     ours = table_of(name, "measured here", headings, methods, stored, published.decimals)
     ours = replace(ours, spread="standard-error")

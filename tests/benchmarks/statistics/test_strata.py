@@ -53,9 +53,7 @@ def fill(root: Path, facts: Mapping[str, Mapping[str, float | str]], num_clips: 
             for metric, value in (("psnr", 11.0 + number - step), ("coverage", COVERED[clip]))
         ]
         own = {clip: facts[clip] for clip in clips[:count]}
-        write_row(
-            results, name, rows, own, kind="geometric", status="done" if count > 1 else "partial"
-        )
+        write_row(results, name, rows, own, renderer="r", status="done" if count > 1 else "partial")
     return results
 
 
