@@ -37,6 +37,16 @@ def test_sky_and_uncovered_pixels_give_no_points_and_double_points_are_merged() 
     assert model_of(np.full((2, 24, 32), np.inf)).num_points3D() == 0
 
 
+def test_what_the_motion_does_not_show_gives_no_points() -> None:
+    """A camera moves by 1 to the right: a wall at 5 turns by 11 degrees, one at 200 by 0.3."""
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[1, 0, 3] = 1.0
+    depths = np.full((2, 24, 32), 200.0)
+    depths[:, 12:] = 5.0
+    model = build_model(CAMERA, ["a.png", "b.png"], poses, views_of(depths))
+    assert {round(point.xyz[2]) for point in model.points3D.values()} == {5}
+
+
 def test_colmap_projects_a_point_to_the_same_pixel_and_tracks_it(tmp_path: Path) -> None:
     """The second view shows a farther wall where the point would be."""
     depths = np.stack([np.zeros((24, 32)), np.full((24, 32), 50.0)])
