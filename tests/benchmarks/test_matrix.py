@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks.matrix import CONFIGS, files, schema
-from geovp_benchmarks.matrix.components import build_method
+from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import PrivilegedInput
 
@@ -104,7 +104,10 @@ def test_our_own_files_can_be_read(path: Path) -> None:
 
 def test_the_variants_of_the_ablation_differ() -> None:
     matrix = schema.read(CONFIGS / "ablation.toml")
-    built = {repr(build_method(matrix, method.label)) for method in matrix.methods}
+    built = {
+        repr(registry.build("predictors", matrix.predictor_spec(method.label)))
+        for method in matrix.methods
+    }
     assert len(built) == len(matrix.methods) == 11
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from geovp.progress import tracked
 from geovp_benchmarks.error_budget.oracles import STAGES, OracleClip, Oracles, with_true_depth
-from geovp_benchmarks.matrix.components import build_method
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.statistics.intervals import Intervals
@@ -79,7 +78,7 @@ def read_method(
             f"--method {label!r}, expected a pose source with a renderer of the matrix"
             f"{registry.nearest(label or '', labels)}"
         )
-    predictor = build_method(matrix, label)
+    predictor = registry.build("predictors", matrix.predictor_spec(label), label)
     dataset = matrix.build_dataset(predictor.needs | needs)
     num_clips = len(range(len(dataset))[:limit])
     metrics = Metrics.build({"frame": matrix.metrics["frame"]}, matrix.size_px)

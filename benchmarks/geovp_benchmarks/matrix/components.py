@@ -6,7 +6,6 @@ from typing import Any
 
 from geovp.provenance import nested
 from geovp_benchmarks.failure import Failure
-from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.matrix.values import Spec
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError, Incompatible, MissingExtra
@@ -35,11 +34,6 @@ def build(
             raise
         return Failure.of(error)  # an error of a plug-in: its methods fail, the others go on
     return component
-
-
-def build_method(matrix: Matrix, label: str) -> Any:
-    """Build the predictor of a method; UnknownComponent names the nearest label."""
-    return registry.build("predictors", matrix.predictor_spec(label), label)
 
 
 def on_device(device: str | None) -> contextlib.AbstractContextManager[None]:

@@ -116,25 +116,21 @@ def begin(plan: Plan) -> None:
 
 
 def finish(plan: Plan, batch: Sequence[Scored]) -> None:
-    """Write the last scores, merge the score files of each method, and write its status."""
-    plan.results.write_scores(batch)
-    with results_lock(plan.results.root):
-        _merge(plan)
-
-
-def _merge(plan: Plan) -> None:
+    """Write the last scores, merge the score files of each method, and write its failures."""
     results = plan.results
+    results.write_scores(batch)
     methods = [method for method in plan.methods if method.fingerprint]
-    results.merge(methods)
-    stored = results.by_name()
-    for method in methods:
-        scored = stored[method.name].scored
-        failures = [*scored.failures.values()]
-        if failures:
-            first = failures[0]
-            logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
-            outcome = {"traceback": first.traceback}
-            if len(failures) == len(scored):  # nothing was predicted
-                outcome = first._asdict()
-                results.discard(stored[method.name])  # so that the next run tries again
-            results.write_method(method.model_copy(update=outcome))
+    with results_lock(results.root):
+        results.merge(methods)
+        stored = results.by_name()
+        for method in methods:
+            scored = stored[method.name].scored
+            failures = [*scored.failures.values()]
+            if failures:
+                first = failures[0]
+                logger.info("%s: %s\n%s", method.label, first.reason, first.traceback.rstrip())
+                outcome = {"traceback": first.traceback}
+                if len(failures) == len(scored):  # nothing was predicted
+                    outcome = first._asdict()
+                    results.discard(stored[method.name])  # so that the next run tries again
+                results.write_method(method.model_copy(update=outcome))

@@ -1,6 +1,7 @@
 """What sets clips apart: labels that may explain why a method predicts some of them badly."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -77,13 +78,13 @@ def frequent(
 
     Each has its number of clips among the worst and among the others.
     """
-    rest = [clip for clip in labels if clip not in worst]
-    ranked = []
-    for label in dict.fromkeys(label for of_clip in labels.values() for label in of_clip):
-        inside = sum(label in labels[clip] for clip in worst)
-        outside = sum(label in labels[clip] for clip in rest)
-        excess = inside / max(len(worst), 1) - outside / max(len(rest), 1)
-        if excess > 0:
-            ranked.append((excess, label, inside, outside))
-    ranked.sort(reverse=True)
-    return [(label, inside, outside) for _, label, inside, outside in ranked[:count]]
+    others = [clip for clip in labels if clip not in worst]
+    inside, outside = (
+        Counter(label for clip in clips for label in labels[clip]) for clips in (worst, others)
+    )
+    excess = {
+        label: number / len(worst) - outside[label] / max(len(others), 1)
+        for label, number in inside.items()
+    }
+    ranked = sorted(excess, key=lambda label: (excess[label], label), reverse=True)
+    return [(label, inside[label], outside[label]) for label in ranked[:count] if excess[label] > 0]
