@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
+from geovp.drawing.video import outlined
 from geovp_classic.streaming import LiveView
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from geovp_classic.types import ByteArray, FloatArray
 
 
 def draw_view(view: LiveView, is_dimming: bool, is_marking: bool = False) -> ByteArray:
@@ -19,19 +20,8 @@ def draw_view(view: LiveView, is_dimming: bool, is_marking: bool = False) -> Byt
     frame = (view.frame * brightness).astype(np.uint8)
     frame = draw_path(frame, view.path_px, view.path_sides_px)
     if is_marking and view.moving is not None:
-        frame = draw_outlines(frame, view.moving)
+        frame = outlined(frame, view.moving)
     return frame
-
-
-def draw_outlines(
-    frame: ByteArray,  # [H, W, 3]
-    mask: BoolArray,  # [H, W]
-    rgb: tuple[int, int, int] = (255, 64, 200),
-) -> ByteArray:
-    """Return the frame with outlines of the regions of a mask."""
-    regions = mask.astype(np.uint8)
-    outlines, _ = cv2.findContours(regions, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    return cv2.drawContours(frame.copy(), outlines, -1, rgb, 2, cv2.LINE_AA)
 
 
 def draw_path(
@@ -61,14 +51,14 @@ def draw_border(frame: ByteArray, rgb: tuple[int, int, int] = (255, 140, 0)) -> 
     return cv2.rectangle(frame.copy(), (0, 0), (width_px - 1, height_px - 1), rgb, 2)
 
 
-def draw_warning(frame: ByteArray, warning: str, colour: str = "firebrick") -> ByteArray:
+def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
     image = Image.fromarray(frame)
     letter_px = max(10, image.height // 16)
     text = textwrap.fill(f"WARNING: {warning}", 2 * image.width // letter_px)
     pen = ImageDraw.Draw(image)
     _, _, _, bottom_px = pen.textbbox((8, 8), text, font_size=letter_px)
-    pen.rectangle((0, 0, image.width, bottom_px + 8), fill=colour)
-    pen.rectangle((0, 0, image.width - 1, image.height - 1), outline=colour, width=4)
+    pen.rectangle((0, 0, image.width, bottom_px + 8), fill="firebrick")
+    pen.rectangle((0, 0, image.width - 1, image.height - 1), outline="firebrick", width=4)
     pen.text((8, 8), text, font_size=letter_px)
     return np.asarray(image)

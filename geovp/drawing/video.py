@@ -1,14 +1,15 @@
-"""Predicted frames as an mp4 video and a gif."""
+"""Predicted frames with labels and outlines, as an mp4 video and a gif."""
 
 import itertools
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
-from geovp_classic.types import ByteArray
+from geovp_classic.types import BoolArray, ByteArray
 
 
 def film(
@@ -58,6 +59,17 @@ def write_gif(path: Path, frames: ByteArray, rate_hz: float) -> None:
         duration=max(20, round(1000 / rate_hz)),  # ms; viewers show no shorter steps
         loop=0,
     )
+
+
+def outlined(
+    frame: ByteArray,  # [H, W, 3]
+    mask: BoolArray,  # [H, W]
+    rgb: tuple[int, int, int] = (255, 64, 200),
+) -> ByteArray:
+    """Return the frame with outlines of the regions of a mask."""
+    regions = mask.astype(np.uint8)
+    outlines, _ = cv2.findContours(regions, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return cv2.drawContours(frame.copy(), outlines, -1, rgb, 2, cv2.LINE_AA)
 
 
 def labelled(frame: ByteArray, label: str) -> ByteArray:

@@ -73,8 +73,8 @@ def _cloud(
     median = np.median(depths) if len(depths) else 1.0
     grid = (points - points.min(axis=0, initial=0.0)) * voxels_per_median_depth / median
     keys = grid.astype(np.int64) @ [1, 2**21, 2**42]
-    _, chosen = np.unique(keys, return_index=True)
-    return points[chosen], colours[chosen]
+    _, numbers = np.unique(keys, return_index=True)
+    return points[numbers], colours[numbers]
 
 
 def _angles_rad(a: FloatArray, b: FloatArray) -> FloatArray:

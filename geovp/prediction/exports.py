@@ -18,7 +18,7 @@ from geovp_classic.atomic import atomic_write
 from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.predictors.hindcast import ShownScene
-from geovp_classic.types import ByteArray, FloatArray, Motion, Trajectory
+from geovp_classic.types import FloatArray, Motion, Trajectory
 
 
 def check_free(folder: Path) -> None:
@@ -92,11 +92,9 @@ def write_depths(
 
 def _write_videos(predicted: Predicted, folder: Path) -> None:
     context, frames = predicted.context, predicted.prediction.frames[0]
-    rows = {
-        "predicted": _outlined(frames, predicted.scene),
-        "real": predicted.actual,
-        **predicted.shown,
-    }
+    rows = {"predicted": frames, "real": predicted.actual, **predicted.shown}
+    if predicted.scene is not None:  # what does not show the scene has an outline
+        rows["predicted"] = np.stack([video.outlined(x, predicted.scene.mask) for x in frames])
     recorded = {name: row for name, row in rows.items() if len(row)}
     past_s, future_s = np.split(context.times_s, [context.num_past])
     strip = Page("strip")
@@ -106,16 +104,6 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     rate_hz = 1 / float(np.mean(np.diff(context.times_s)))
     video.write_mp4(folder / "film.mp4", film, rate_hz)
     video.write_gif(folder / "film.gif", film, rate_hz)
-
-
-def _outlined(frames: ByteArray, scene: ShownScene | None) -> ByteArray:
-    """Return frames [F, H, W, 3] with the outline of the pixels that do not show the scene."""
-    if scene is None or not scene.mask.any():
-        return frames
-    outline = cv2.morphologyEx(
-        scene.mask.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)
-    )
-    return np.where(outline[..., None] > 0, np.array([255, 0, 255], np.uint8), frames)
 
 
 def _write_scene(

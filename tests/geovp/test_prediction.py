@@ -287,6 +287,9 @@ def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None
     assert found.about()["scene_mask_fraction"] == pytest.approx(20 / 128, abs=0.02)
     hood = found.prediction.frames[..., -13:, :, :].astype(int)
     assert np.abs(hood - (30, 40, 90)).max() <= 3
+    exports.write(found, tmp_path / "out")
+    strip = cv2.imread(str(tmp_path / "out" / "strip.png")).astype(int)
+    assert (np.abs(strip - (200, 64, 255)).max(axis=2) < 20).sum() > 100  # its outline is pink
 
 
 def test_the_json_says_where_everything_came_from(written: Path) -> None:
