@@ -47,19 +47,12 @@ def build(material: Material, findings: Findings | None) -> Browser:
     names = material.protocol["clips"]
     labels = causes.of_clips(material.results, judge) if judge else {name: [] for name in names}
     scores = findings.clip_scores if findings else {}
-    if findings and not findings.column.higher_is_better:
-        names = sorted(names, key=lambda name: -scores.get(name, -math.inf))
-    else:
-        names = sorted(names, key=lambda name: scores.get(name, math.inf))
+    sign = 1 if not findings or findings.column.higher_is_better else -1
+    names = sorted(names, key=lambda name: sign * scores.get(name, sign * math.inf))
     # Films of the kept clips, in a format that fits all of them on a page.
-    predicted = {
-        method.name: {*material.results.predictions(method).names} for method in material.methods
-    }
-    counts = {
-        name: sum(name in of_method for of_method in predicted.values()) for name in material.clips
-    }
-    with_films = {name for name, count in counts.items() if count}
-    num_films = sum(1 + counts[name] for name in with_films)
+    predicted = [{*material.results.predictions(method).names} for method in material.methods]
+    counts = {name: sum(name in of_method for of_method in predicted) for name in material.clips}
+    num_films = sum(1 + count for count in counts.values() if count)
     width_px, height_px = material.protocol["size_px"]
     num_frames = 1 + material.protocol["num_future"]
     shown = films.Format.of(num_films, num_frames, height_px / width_px)
@@ -68,7 +61,7 @@ def build(material: Material, findings: Findings | None) -> Browser:
             name,
             scores.get(name, math.nan),
             labels[name],
-            [*films.of_clip(material, name, shown)] if name in with_films else [],
+            [*films.of_clip(material, name, shown)] if counts.get(name) else [],
         )
         for name in names[:MAX_CLIPS]
     ]
