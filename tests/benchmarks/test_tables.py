@@ -205,10 +205,10 @@ def test_a_clip_is_listed_with_what_explains_its_score(tmp_path: Path, printed: 
     text = printed("table", tmp_path, "--per", "clip").splitlines()
     masked = "fraction of pixels fixed to the camera"
     assert row_of(text, "clip") == [
-        *("clip", "labels", "turn (degrees)", "moving", masked, "geo: PSNR (dB)", "geo: shown by")
+        *("clip", "geo: PSNR (dB)", "labels", "geo: shown by", "turn (degrees)", "moving", masked)
     ]
-    labels = "moving: none, shown by the last frame"
-    assert row_of(text, "s/1") == ["s/1", labels, "31", "none", "-", "12", "the last frame"]
+    labels = "shown by the last frame"
+    assert row_of(text, "s/1") == ["s/1", "12", labels, "the last frame", "31", "none", "-"]
     assert [line[:5] for line in text if line.startswith("| s/")] == ["| s/1", "| s/0"]
 
 

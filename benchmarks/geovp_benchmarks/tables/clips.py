@@ -15,8 +15,8 @@ from geovp_benchmarks.tables.tables import method_scores
 def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
     """Return the cells of a table with a row per clip, those with the worst score first.
 
-    It shows what is known of the clips, the scores of the methods, and what they show a clip by
-    where that varies; it is empty without scores. The first method with scores orders the clips,
+    It shows the scores of the methods, what they show a clip by where that varies, and what is
+    known of the clips; it is empty without scores. The first method with scores orders the clips,
     and labels say what sets them apart. Metrics are by default the first of frames and
     of poses, and the coverage.
     """
@@ -25,18 +25,7 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
     roles = {about["role"]: key for key, about in reversed(protocol["metrics"].items())}
     defaults = roles.get("frame", ""), COVERAGE, roles.get("trajectory", "")
     keys = metrics or [*dict.fromkeys(defaults)]
-    columns: dict[str, list[str]] = {"clip": clips, "labels": []}
-
-    # What the clips are: numbers, then words of the data set.
-    names = dict.fromkeys(name for of_clip in facts.values() for name in of_clip)
-    for name in [*strata.FACTS, *(name for name in names if name not in strata.FACTS)]:
-        values = [facts.get(clip, {}).get(name, "-") for clip in clips]
-        if name != "interval_s" and set(values) != {"-"}:
-            is_text = all(isinstance(value, str) for value in values)
-            words, unit = (name, "") if is_text else strata.FACTS.get(name, (name, ""))
-            columns[stored_facts.with_unit(words, unit)] = [
-                value if isinstance(value, str) else f"{value:.3g}" for value in values
-            ]
+    columns: dict[str, list[str]] = {"clip": clips}
 
     # How well the methods predict them.
     order = None
@@ -53,11 +42,26 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[str]]:
             if order is None:
                 order = np.argsort(of_method if about.get("higher_is_better") else -of_method)
                 labels = causes.of_clips(results, method)
-                columns["labels"] = [", ".join(labels[clip]) or "-" for clip in clips]
+                columns["labels"] = [
+                    # Words of the data set have columns of their own
+                    ", ".join(label for label in labels[clip] if ": " not in label) or "-"
+                    for clip in clips
+                ]
         if set(shown_by.values()) - {"geometry"}:
             columns[f"{method.label}: shown by"] = [
                 stored_facts.FALLBACKS.get(shown_by.get(clip, ""), "geometry") for clip in clips
             ]
     if order is None:
         return []
+
+    # What the clips are: numbers, then words of the data set.
+    names = dict.fromkeys(name for of_clip in facts.values() for name in of_clip)
+    for name in [*strata.FACTS, *(name for name in names if name not in strata.FACTS)]:
+        values = [facts.get(clip, {}).get(name, "-") for clip in clips]
+        if name != "interval_s" and set(values) != {"-"}:
+            is_text = all(isinstance(value, str) for value in values)
+            words, unit = (name, "") if is_text else strata.FACTS.get(name, (name, ""))
+            columns[stored_facts.with_unit(words, unit)] = [
+                value if isinstance(value, str) else f"{value:.3g}" for value in values
+            ]
     return [[*columns], *([column[row] for column in columns.values()] for row in order)]
