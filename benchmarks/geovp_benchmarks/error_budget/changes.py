@@ -75,8 +75,8 @@ def read_method(
         label = labels[0]
     if label not in labels:
         raise BadData(
-            f"--method {label!r}, expected a pose source with a renderer of the matrix"
-            f"{registry.nearest(label or '', labels)}"
+            f"--method is {label or 'not given'}, expected a pose source with a renderer of the "
+            f"matrix{registry.nearest(label or '', labels)}"
         )
     predictor = registry.build("predictors", matrix.predictor_spec(label), label)
     dataset = matrix.build_dataset(predictor.needs | needs)

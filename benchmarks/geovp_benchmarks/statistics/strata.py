@@ -60,8 +60,9 @@ def divide(results: Results, by: str) -> list[Results]:
         facts, source = _covered(results.select())
     if not facts:
         raise BadData(
-            f"{results.root} has no {fact} of any clip: the data set has no true poses or depths, "
-            "or an older version computed the methods (`geovp run --fresh` recomputes them)"
+            f"{results.root} has the {FACTS[fact][0]} of no clip: the data set has no true poses "
+            "or depths, or an older version computed the methods (`geovp run --fresh` recomputes "
+            "them)"
         )
     # Each clip belongs to the stratum between two bounds.
     name, unit = FACTS[fact]

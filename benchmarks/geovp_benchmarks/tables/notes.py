@@ -28,7 +28,13 @@ def notes_of(
         notes.append(f"Methods: {legend}.")
     if not table.has_differences:
         for method in methods:
-            notes += _on_method(method, protocol, strict=strict)
+            notes += _on_method(method, len(protocol["clips"]), strict=strict)
+        others = [method.label for method in methods if method.name not in protocol["methods"]]
+        if others:
+            notes.append(
+                f"Not in the matrix of the last run: {', '.join(others)} (remove a folder to leave "
+                "its method out)."
+            )
         notes += [*weights_notes(methods), f"Protocol id {protocol['id']}."]
     return "\n".join(notes).splitlines()  # reasons of failures may have several lines
 
@@ -72,13 +78,11 @@ def _on_metrics(table: Table, protocol: Mapping[str, Any]) -> Iterator[str]:
             yield f"{stored_facts.title(name)}: {facts['definition']}."
 
 
-def _on_method(method: Method, protocol: Mapping[str, Any], *, strict: bool) -> Iterator[str]:
+def _on_method(method: Method, num_clips: int, *, strict: bool) -> Iterator[str]:
     """Yield what is missing, failed, replaced or outdated of a method."""
     label, failures = method.label, method.scored.failures
-    if method.name not in protocol["methods"]:
-        yield f"{label}: not in the matrix of the last run: remove its folder to leave it out."
     if method.status != "done":
-        scored = f"{method.status}, {method.num_clips} of {len(protocol['clips'])} clips"
+        scored = f"{method.status}, {method.num_clips} of {num_clips} clips"
         yield f"{label}: {scored}: {method.reason or 'run again'}."
     if failures:
         treated = "scored as copies of the last frame if readable (--strict leaves them out)"
