@@ -212,11 +212,11 @@ def test_a_clip_is_listed_with_what_explains_its_score(tmp_path: Path, printed: 
     assert [line[:5] for line in text if line.startswith("| s/")] == ["| s/1", "| s/0"]
 
 
-def test_a_column_that_repeats_another_is_left_out(tmp_path: Path) -> None:
+def test_columns_that_repeat_another_or_have_no_score_are_left_out(tmp_path: Path) -> None:
     results = Results(tmp_path)
     error = METRICS["translation-error"]
     metrics = {"translation-error": error, "average-displacement": error}
-    write_protocol(results, ["a"], "xy", metrics=metrics)
+    write_protocol(results, ["a"], "xy", metrics={**metrics, "psnr": METRICS["psnr"]})
     write(results, "a", {(clip, 0, key): 1.5 for clip in "xy" for key in metrics})
     assert [column.key for column in tables.build(results)[0].columns] == ["translation-error"]
     (asked,) = tables.build(results, metrics=[*metrics])

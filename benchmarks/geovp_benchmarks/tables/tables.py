@@ -122,9 +122,15 @@ def _main_table(
     methods = method_scores(results, scored, strict=strict, steps=steps)
     if has_seeds:
         methods = _over_seeds(methods, protocol)
-    keys = selected_columns(metrics, [*protocol["metrics"], *_keys(methods)])
+    with_scores = _keys(methods)
+    keys = selected_columns(metrics, [*protocol["metrics"], *with_scores])
     keys = keys or _different(
-        [key for key in protocol["metrics"] if key not in ALWAYS_SCORED], methods
+        [
+            key
+            for key, facts in protocol["metrics"].items()
+            if key not in ALWAYS_SCORED and (key in with_scores or facts.get("unavailable"))
+        ],
+        methods,
     )
     headings = {key: stored_facts.title(key) for key in keys}
     if unknown := [step for step in steps if not 1 <= step <= protocol["num_future"]]:
