@@ -120,6 +120,13 @@ class Doctor:
             f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing",
             findings,
         )
+        if is_readable and first.images:
+            _examine_gaps(folder, first, findings)
+        if first.depths is not None and None in first.depths:
+            message = (
+                f"{first.depths.count(None)} of {len(first.images)} images have no depth image"
+            )
+            findings.add(folder, message, severity="warning")
         return {
             "frames": ", ".join(frames).removeprefix(": "),
             "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
@@ -128,7 +135,7 @@ class Doctor:
             "clock": clock_of(times_s),
             "duration_s": f"{np.ptp(times_s) if len(times_s) else 0:.1f}",
             "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
-            "length_m": self._examine_poses(folder, first, findings, is_readable),
+            "length_m": self._examine_motion(first, findings),
         }
 
     def _examine_cameras(
@@ -158,49 +165,12 @@ class Doctor:
             return f"f {view.fx_px:.0f} px"
         return "none"
 
-    def _examine_poses(
-        self, folder: Path, scan: Scan, findings: Findings, is_readable: bool
-    ) -> str:
-        """Warn of missing poses and implausible motion.
+    def _examine_motion(self, scan: Scan, findings: Findings) -> str:
+        """Warn of implausible motion.
 
         Return the length of the path in metres as text, "-" if it is unknown.
         """
         numbers = scan.posed
-        count = len(scan.images)
-        max_length = int(np.diff([0, *scan.breaks, len(numbers)]).max())
-        # poses of all images, of some or of none
-        if scan.world_from_cam is None and count and is_readable:
-            findings.add(
-                folder,
-                "has no recorded poses: it serves for prediction without ground truth",
-                severity="note",
-            )
-        if scan.world_from_cam is not None and not len(numbers) and count and is_readable:
-            first_s, last_s = scan.times_s[0], scan.times_s[-1]
-            findings.add(
-                folder,
-                f"none of {count} images, from {first_s:.3f} to {last_s:.3f} s, has a pose at its "
-                "time: give both in seconds on one clock (poses in ns are 1e9 times too large)",
-            )
-        elif len(numbers) < count and is_readable:
-            findings.add(
-                folder,
-                f"{count - len(numbers)} of {count} images have no pose: "
-                f"{len(scan.breaks) + 1} unbroken pieces are left",
-                severity="warning",
-            )
-        if max_length == 1 and is_readable:
-            findings.add(
-                folder,
-                f"has no two images in a row{' with poses' if max_length < count else ''}: a clip "
-                "needs 2 or more, to observe and to predict",
-            )
-        if scan.depths is not None and None in scan.depths:
-            findings.add(
-                folder,
-                f"{scan.depths.count(None)} of {count} images have no depth image",
-                severity="warning",
-            )
         if scan.world_from_cam is None or len(numbers) < 2:
             return "-"
         # rotation between poses, and speed where the unit is known
@@ -216,6 +186,38 @@ class Doctor:
         message = "{:.0f} m/s from the pose before: more than a car drives"
         _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)
         return f"{steps_m.sum():.0f}"
+
+
+def _examine_gaps(folder: Path, scan: Scan, findings: Findings) -> None:
+    """Report images without a pose, and a sequence that no clip can be cut from."""
+    count, num_posed = len(scan.images), len(scan.posed)
+    max_length = int(np.diff([0, *scan.breaks, num_posed]).max())
+    if scan.world_from_cam is None:
+        findings.add(
+            folder,
+            "has no recorded poses: it serves for prediction without ground truth",
+            severity="note",
+        )
+    elif not num_posed:
+        first_s, last_s = scan.times_s[0], scan.times_s[-1]
+        findings.add(
+            folder,
+            f"none of {count} images, from {first_s:.3f} to {last_s:.3f} s, has a pose at its "
+            "time: give both in seconds on one clock (poses in ns are 1e9 times too large)",
+        )
+    elif num_posed < count:
+        findings.add(
+            folder,
+            f"{count - num_posed} of {count} images have no pose: "
+            f"{len(scan.breaks) + 1} unbroken pieces are left",
+            severity="warning",
+        )
+    if max_length == 1:
+        findings.add(
+            folder,
+            f"has no two images in a row{' with poses' if max_length < count else ''}: a clip "
+            "needs 2 or more, to observe and to predict",
+        )
 
 
 def _warn_beyond(
