@@ -104,9 +104,10 @@ class VideoFrames:
         if not numbers:
             raise ValueError("it has no video stream")
         for number in numbers:
-            first_packets = itertools.islice(_packets(self._open(), number), 2)
+            first_packets = itertools.islice(_packets(container, number), 2)
             if all(packet.size for packet in first_packets):  # the end of the file is empty
                 return number
+            container = self._open()
         return numbers[0]
 
     def _restart(self) -> None:
