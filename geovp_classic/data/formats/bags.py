@@ -78,6 +78,8 @@ class Bag:
             ) from problem
         self.path = path
         with self._checked():
+            if any(map(Path.is_fifo, (path, *path.glob("*")))):
+                raise ValueError("a pipe never ends")
             # before 2023, ROS 2 did not store the definitions of messages
             store = get_typestore(Stores.LATEST)
             self._reader = AnyReader([path], default_typestore=store)

@@ -290,7 +290,7 @@ def _packets(container: InputContainer, number: int) -> Iterator[Any]:
 
 def is_video(path: Path) -> bool:
     """Return whether a file has the name of a visible video."""
-    names = r"[^.].*\.(mp4|m4v|mov|mkv|webm|avi|m?ts|mpe?g|3gp|wmv|flv|h26[45]|mjpeg)"
+    names = r"[^.].*\.(mp4|m4v|mov|mkv|webm|avi|m?2?ts|mpe?g|3gp|wmv|flv|h26[45]|hevc|mjpeg)"
     return bool(re.fullmatch(names, path.name, re.IGNORECASE)) and path.is_file()
 
 

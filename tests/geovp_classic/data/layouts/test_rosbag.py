@@ -1,5 +1,6 @@
 """Robot logs give the clips that they were written from."""
 
+import os
 import pickle
 from pathlib import Path
 from typing import Any
@@ -299,6 +300,10 @@ def test_a_truncated_bag_is_an_error(tmp_path: Path, name: str) -> None:
         with pytest.raises(BadData, match="cannot be read as a bag"):
             RosBag(path, **CUT)
     assert Doctor().examine(path).rows[0]["errors"] == "1"
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(BadData, match="a pipe never ends"):
+        RosBag(path, **CUT)
 
 
 def test_commands_read_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
