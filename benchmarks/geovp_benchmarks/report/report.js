@@ -79,6 +79,7 @@ if (clips.length) {
     keys[name[0]] = action;
   }
   choice.addEventListener("input", () => choose(choice.selectedIndex));
+  byId("worst-clip")?.addEventListener("click", () => choose(0));  // it may have no film
 }
 
 // Films: an image holds all frames side by side; the variable --step selects one of them.
