@@ -46,7 +46,7 @@ def missing_archives(
         "",
         "missing archives of www.cvlibs.net/datasets/kitti (download them with your own account):",
         "",
-        *grid([kitti_archives.COLUMNS, *map(list, missing)]),
+        *grid([kitti_archives.COLUMNS, *missing]),
         "",
         f"unpack them so that the paths above lie in {root}",
     ]

@@ -6,27 +6,16 @@ The site asks for an account, so nothing is downloaded here.
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
-
-class Archive(NamedTuple):
-    """An archive of the site, and the path in the root that its content takes."""
-
-    name: str
-    size: str  # as the site or its server states it
-    belongs_in: str
-    purpose: str
-
-
-COLUMNS = ["archive", "size", "belongs in", "needed for"]
+COLUMNS = ["archive", "size", "belongs in", "needed for"]  # sizes as the site states them
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-ODOMETRY = {content: Archive(*fields) for content, fields in TABLES["odometry"].items()}
+ODOMETRY: dict[str, list[str]] = TABLES["odometry"]  # rows by content
 
 
 def missing_odometry(
     root: Path, sequences: Iterable[str], camera: int | None = None
-) -> list[Archive]:
-    """Return the archives that hold what some of the sequences lack.
+) -> list[list[str]]:
+    """Return rows of the archives that hold what some of the sequences lack.
 
     Sequences of other names are the user's own. Without a camera, grey or colour images serve,
     and both are named where there are none.
@@ -35,19 +24,19 @@ def missing_odometry(
     if camera is not None:
         images = [images[camera // 2]]
     official = {f"{number:02d}" for number in range(22)}
-    missing: dict[Archive, None] = {}
+    missing: list[list[str]] = []
     for sequence in sorted(official.intersection(sequences)):
         poses = [["poses"]] if sequence < "11" else []
         for contents in [["calibration"], *poses, images]:
-            archives = [ODOMETRY[content] for content in contents]
-            paths = [each.belongs_in.replace("NN", sequence) for each in archives]
-            if not any((root / path).exists() for path in paths):
-                missing |= dict.fromkeys(archives)
-    return list(missing)
+            rows = [ODOMETRY[content] for content in contents]
+            paths = [root / path.replace("NN", sequence) for _, _, path, _ in rows]
+            if not any(path.exists() for path in paths):
+                missing += [row for row in rows if row not in missing]
+    return missing
 
 
-def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
-    """Return the archives of missing drives, and of the calibration of their dates.
+def missing_raw(root: Path, drives: Iterable[str]) -> list[list[str]]:
+    """Return rows of the archives of missing drives, and of the calibration of their dates.
 
     A drive is called as `KittiRaw` calls it: "2011_09_26_drive_0084".
     """
@@ -60,5 +49,5 @@ def missing_raw(root: Path, drives: Iterable[str]) -> list[Archive]:
         ):
             if not (root / path).exists():
                 size = TABLES["raw_sizes"].get(name, "unknown")
-                archives[name] = Archive(f"{name}.zip", size, path, purpose)
+                archives[name] = [f"{name}.zip", size, path, purpose]
     return list(archives.values())

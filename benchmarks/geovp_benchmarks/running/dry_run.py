@@ -10,27 +10,31 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
     Times are those of stored scores, and unknown for methods without any.
     """
     lines = [["method", "to do", "stored", "s per clip"]]
-    num_missing, total_s, unknown = 0, 0.0, 0
     of_shard = set(plan.own_clips)
+    num_missing = num_unknown = 0  # predictions; of the latter the time is unknown
+    total_s = 0.0
     for method in plan.methods:
-        clips = plan.missing(method) & of_shard
-        num_missing += len(clips)
+        num_clips = len(plan.missing(method) & of_shard)
+        num_missing += num_clips
         scored = plan.results.scored(method.name, method.fingerprint, plan.digests)
         note = method.reason or "unknown"
         if scored.seconds:
             per_clip_s = sum(scored.seconds.values()) / len(scored)
             note = f"{per_clip_s:.2f}"
-            total_s += len(clips) * per_clip_s
+            total_s += num_clips * per_clip_s
         else:
-            unknown += len(clips)
-        lines.append([method.label, str(len(clips)), str(len(of_shard) - len(clips)), note])
+            num_unknown += num_clips
+        lines.append([method.label, str(num_clips), str(len(of_shard) - num_clips), note])
     num_stored = len(plan.methods) * len(of_shard) - num_missing
-    time = "unknown" if num_missing else "none"
-    if unknown < num_missing:
-        time = f"about {total_s / workers / 60:.1f} min with {workers} process"
-        time += "es" * (workers > 1)
-        if unknown:
-            time += f", and unknown for {unknown} predictions"
+    if not num_missing:
+        time = "none"
+    elif num_unknown == num_missing:
+        time = "unknown"
+    else:
+        time = f"about {max(total_s / workers / 60, 0.1):.1f} min with {workers} "
+        time += "process" if workers == 1 else "processes"
+        if num_unknown:
+            time += f", and unknown for {num_unknown} predictions"
     return [
         *grid(lines),
         f"predictions: {num_missing} to do, {num_stored} stored",

@@ -62,6 +62,6 @@ def _rescored(
         failures=method.scored.failures,
         facts={name: {**results.clip_facts().get(name, {}), **clip.facts}},
         shown_by={name: prediction.shown_by} if prediction.shown_by else {},
-        digests={name: digest} if (digest := results.digests.get(name)) else {},
+        digests={name: results.digests.get(name, "")},
     )
     return scores, record

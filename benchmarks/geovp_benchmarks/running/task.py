@@ -114,7 +114,7 @@ class Task:
             method.name,
             [self.clip],
             method.fingerprint,
-            digests={self.clip: self.digest} if self.digest else {},
+            digests={self.clip: self.digest},
             **facts,
         )
 

@@ -185,7 +185,12 @@ class BlockBootstrap:
             draws = _draws(tuple(groups.lengths.tolist()), lags + 1, self.num_resamples, self.seed)
             means = np.einsum("rn,kn->kr", draws, values[rows]) / count  # no threads, unlike @
             off = means - values[rows].mean(axis=1, keepdims=True)
-            quantiles[rows] = np.quantile(off, [1 - tail, tail], axis=1).T
+            # np.quantile does the same, but loads numpy.ma: a tenth of the time of a table
+            places = (self.num_resamples - 1) * np.array([1 - tail, tail])
+            below = places.astype(int)
+            ordered = np.partition(off, [*below, *(below + 1)], axis=1)
+            rest = ordered[:, below + 1] - ordered[:, below]
+            quantiles[rows] = ordered[:, below] + (places - below) * rest
             spread[rows] = off.std(axis=1)
         students = np.array([student_quantile(freedom, tail) for freedom in degrees.tolist()])
         # constant values have neither an error nor a spread
