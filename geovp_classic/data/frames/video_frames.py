@@ -160,16 +160,22 @@ class VideoFrames:
         whole: list[int] = []
         keys: list[int] = []
         order: list[int] = []
+        places: list[tuple[int, int]] = []
         for packet in _packets(self._container, self._number):
             if packet.is_keyframe and packet.pts is not None:
                 keys.append(packet.pts)
             if packet.dts is not None:
                 order.append(packet.dts)
+                places.append((packet.dts, packet.pos))
             if packet.size and not (packet.is_discard or packet.is_corrupt):
                 whole.append(packet.pts)
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
         self._is_avi = self._container.format.name == "avi"
-        self._is_counted = is_raw or self._is_avi or None in whole or order != sorted(order)
+        # In AVI, images that do not build on others serve, if the index is right
+        index = [(entry.timestamp, entry.pos + 8) for entry in self._stream.index_entries]
+        is_seekable = self._decoder.codec.intra_only and places == index
+        has_no_times = is_raw or None in whole or (self._is_avi and not is_seekable)
+        self._is_counted = has_no_times or order != sorted(order)
         self._keys = [] if self._is_counted else sorted(keys)
 
         self._restart()
