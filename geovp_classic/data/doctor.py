@@ -122,11 +122,7 @@ class Doctor:
         )
         if is_readable and first.images:
             _examine_gaps(folder, first, findings)
-        if first.depths is not None and None in first.depths:
-            message = (
-                f"{first.depths.count(None)} of {len(first.images)} images have no depth image"
-            )
-            findings.add(folder, message, severity="warning")
+        _examine_depths(folder, first, findings, deep)
         return {
             "frames": ", ".join(frames).removeprefix(": "),
             "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
@@ -186,6 +182,18 @@ class Doctor:
         message = "{:.0f} m/s from the pose before: more than a car drives"
         _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)
         return f"{steps_m.sum():.0f}"
+
+
+def _examine_depths(folder: Path, scan: Scan, findings: Findings, deep: bool) -> None:
+    """Report missing depth images, and bad ones: the first and the last, or with `deep` each."""
+    depths = scan.depths or ()
+    if None in depths:
+        message = f"{depths.count(None)} of {len(depths)} images have no depth image"
+        findings.add(folder, message, severity="warning")
+    for number, path in enumerate(depths):
+        if scan.cameras and path and (deep or path in (depths[0], depths[-1])):
+            with findings.catch(path):
+                scan.depth_maps.read(number)
 
 
 def _examine_gaps(folder: Path, scan: Scan, findings: Findings) -> None:

@@ -188,11 +188,8 @@ def camera_of_yaml(table: Mapping[str, Any], size_px: Size | None = None) -> Dis
 
 def _values_of_slam(values: dict[str, Any]) -> dict[str, Any]:
     """Return the camera of ORB-SLAM, or of VINS, which has two tables, by Kalibr's names."""
-    values = {
-        **values,
-        **values.get("projection_parameters", {}),
-        **values.get("distortion_parameters", {}),
-    }
+    tables = values.get("projection_parameters", {}), values.get("distortion_parameters", {})
+    values = values | tables[0] | tables[1]
     name = values.get("model_type") or values.get("type", "PinHole")
     if name not in SLAM_MODELS:
         raise ValueError(f"it has the model {name!r}, expected {', '.join(SLAM_MODELS)}")

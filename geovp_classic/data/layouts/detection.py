@@ -51,15 +51,10 @@ def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, 
     )
 
 
-def root_field(name: str) -> str:
-    """Return the name of the field that holds a data set's folder."""
-    return "path" if name == "folder" else "root"
-
-
 def spec(root: Path) -> dict[str, Any]:
     """Return the table of the data set in a folder, as `registry.build` takes it.
 
     A folder of images needs intrinsics, too.
     """
     name, _ = detect(root)
-    return {"name": name, root_field(name): root}
+    return {"name": name, "path" if name == "folder" else "root": root}

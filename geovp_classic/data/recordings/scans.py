@@ -12,7 +12,7 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.findings import Findings, parse_numbers, words
 from geovp_classic.data.frames import image_frames
-from geovp_classic.data.frames.image_frames import FrameFiles, FrameReader, Load
+from geovp_classic.data.frames.image_frames import FrameFiles, FrameReader, Load, Size
 from geovp_classic.data.frames.undistortion import (
     DistortedCamera,
     UndistortedFrames,
@@ -77,6 +77,15 @@ class Scan:
             if following != (before + 1, folder)
         )
 
+    @property
+    def depth_maps(self) -> FrameFiles:
+        """Return the depths [N], 0 where an image is missing; none without a camera."""
+        return FrameFiles(self.depths or (), self._sizes_px, image_frames.read_depth)
+
+    @property
+    def _sizes_px(self) -> tuple[Size, ...]:
+        return tuple(camera.size_px for camera in self.cameras)
+
     def recording(self, name: str, folder: Path, load: Load, is_upright: bool) -> Recording:
         """Return the images with a pose as a recording of clips, which loads them later.
 
@@ -93,14 +102,12 @@ class Scan:
 
         # All images are shown as one pinhole camera sees them; depths are not interpolated
         view = common_pinhole([self.cameras[number] for number in numbers], folder)
-        sizes_px = tuple(camera.size_px for camera in self.cameras)
-        frames = self.reader or FrameFiles(self.images, sizes_px, load)
+        frames = self.reader or FrameFiles(self.images, self._sizes_px, load)
         if not is_upright:
             frames = UndistortedFrames(frames, self.cameras, view)
         depths = None
         if self.depths is not None:
-            maps = FrameFiles(self.depths, sizes_px, image_frames.read_depth)
-            shown = UndistortedFrames(maps, self.cameras, view, cv2.INTER_NEAREST)
+            shown = UndistortedFrames(self.depth_maps, self.cameras, view, cv2.INTER_NEAREST)
             depths = SelectedFrames(shown, numbers)
 
         # Images without a pose are left out

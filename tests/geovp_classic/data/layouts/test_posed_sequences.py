@@ -200,8 +200,11 @@ def test_the_doctor_lists_all_errors(
     edit(folder / "rgb.txt", 6, "100.4 rgb/44.png")
     edit(folder / "groundtruth.txt", 3, "100.204 0 0 0 0 0 0 2")
     cv2.imwrite(str(folder / "rgb" / "9.png"), np.full((20, 30), 3000, np.uint16))
-    report = "\n".join(map(str, Doctor().examine(tmp_path, deep=True).findings))
+    cv2.imwrite(str(folder / "depth" / "7.png"), np.zeros((20, 30), np.uint16))
+    settings = {"intrinsics": numbers_of(street)}
+    report = "\n".join(map(str, Doctor().examine(tmp_path, settings, deep=True).findings))
     for message in (
+        "depth/7.png: is 30x20 pixels, expected",
         "rgb.txt line 4: 100.1 is not after 100.1 before it",
         "rgb.txt line 6: there is no file 'rgb/44.png'",
         "groundtruth.txt line 3: the quaternion has length 2, expected 1",
