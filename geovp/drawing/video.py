@@ -75,11 +75,13 @@ def outlined(
 def labelled(frame: ByteArray, label: str) -> ByteArray:
     """Return a frame with an outlined label in its lower left corner."""
     image = Image.fromarray(frame)
-    ImageDraw.Draw(image).text(
+    pen = ImageDraw.Draw(image)
+    widest_px = 100 * (image.width - 8) / pen.textlength(label, font_size=100)  # that fits
+    pen.text(
         (4, image.height - 4),
         label,
         anchor="ld",
-        font_size=max(10, image.height // 16),
+        font_size=max(10, min(image.height // 16, int(widest_px))),
         stroke_width=1,
         stroke_fill="black",
     )

@@ -106,6 +106,8 @@ class Predicted:
                 f"{self.mask_fraction:.0%} of the image do not show the scene and are repeated "
                 "from the last frame, see strip.png: if they do show it, give --no-mask or --mask"
             )
+        if len(self.prediction.frames) < self.request.num_samples:
+            yield "all samples are equal, so that there is one: this forecaster has a single future"
         # The motion.
         motion = self.prediction.motion
         if motion is None:

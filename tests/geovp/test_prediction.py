@@ -17,6 +17,7 @@ import street
 from PIL import Image
 
 from geovp.display.source import Source
+from geovp.drawing import video
 from geovp.prediction import exports, prediction
 from geovp.prediction.camera import find_camera
 from geovp.prediction.request import PredictionRequest, output_size
@@ -96,6 +97,12 @@ def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, 
     assert np.median(off) < 0.25 * np.median(shuffled)
 
 
+def test_a_long_label_fits_a_narrow_frame() -> None:
+    shown = video.labelled(np.zeros((480, 268, 3), np.uint8), "late image, 0.60 s old")
+    assert shown[:, :-4].any()
+    assert not shown[:, -4:].any()
+
+
 def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
     with av.open(str(written / "film.mp4")) as film:
         (stream,) = film.streams.video
@@ -116,12 +123,13 @@ def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
 def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     images: Path, tmp_path: Path
 ) -> None:
-    latest = predicted(images, 8, size_px=(96, 96))
+    latest = predicted(images, 8, size_px=(96, 96), num_samples=3)
     assert latest.first == len(street.clip()) - 8
     assert len(latest.actual) == 0
     assert latest.scores == {}
     assert not latest.prediction.motion.past.is_metric
     assert "2 frames, 10 per second: 0.20 s ahead" in latest.summary()
+    assert any("all samples are equal" in warning for warning in latest.warnings())
     exports.write(latest, tmp_path / "new" / "out")
     assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
 
