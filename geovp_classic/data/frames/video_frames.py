@@ -63,21 +63,22 @@ class VideoFrames:
         """Return a name for each frame; no files have these names."""
         return tuple(self.path / f"frame {number}" for number in range(len(self)))
 
-    def times_at(self, stated_hz: float | None) -> FloatArray:
+    def times_at(self, stated_hz: float | None, name: str = "frame_rate_hz") -> FloatArray:
         """Return the times of all frames; a stated rate must be that of the video.
 
-        BadData if the rates differ by more than 5 %, or if there is none.
+        BadData if the rates differ by more than 5 %, or if there is none; it calls the stated one
+        `name`.
         """
         if self.times_s is None:
             if stated_hz is None:
-                raise BadData(f"{self.path} does not state its rate: give frame_rate_hz")
+                raise BadData(f"{self.path} does not state its rate: give {name}")
             return np.arange(len(self)) / stated_hz
         if stated_hz is not None and len(self) > 1:
             usual_hz = 1 / float(np.median(np.diff(self.times_s)))
             mean_hz = (len(self) - 1) / self.times_s[-1]
             if min(abs(np.log(stated_hz / rate_hz)) for rate_hz in (usual_hz, mean_hz)) > 0.05:
                 raise BadData(
-                    f"{self.path} has {usual_hz:.4g} frames per second, frame_rate_hz is "
+                    f"{self.path} has {usual_hz:.4g} frames per second, {name} is "
                     f"{stated_hz:g}: leave it out, because wrong times give wrong speeds; rate_hz "
                     f"= {stated_hz:g} uses about that many frames of each second"
                 )

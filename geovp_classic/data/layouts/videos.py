@@ -128,7 +128,7 @@ class Videos(PosedSequences):
         camera = DistortedCamera(Intrinsics(fx, fy, cx, cy, width_px, height_px))
         return Scan(
             frames.names,
-            frames.times_at(scalars.get("fps")),
+            frames.times_at(scalars.get("fps"), "fps"),
             (camera,) * len(frames),
             camera_height_m=scalars.get("camera_height_m"),
             reader=frames,

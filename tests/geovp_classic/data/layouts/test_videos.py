@@ -100,7 +100,7 @@ def test_the_doctor_and_the_detection_know_the_layout(root: Path) -> None:
         ("[fast]\nfov_deg = 90\n", "does not describe slow"),
         (
             CAMERAS.replace("fps = 30", "fps = 10"),
-            "has 30 frames per second, .* 10: .* rate_hz = 10",
+            "has 30 frames per second, fps is 10: .* rate_hz = 10",
         ),
         (CAMERAS.replace("fov_deg = 90", ""), "fast has a wrong value .* intrinsics"),
         (CAMERAS.replace("90", "180"), "fast has a wrong value"),
