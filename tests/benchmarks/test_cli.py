@@ -209,3 +209,20 @@ def test_a_wrong_command_line_is_2(words: str, capsys: pytest.CaptureFixture[str
     with pytest.raises(SystemExit, match="2"):
         cli.main(words.split())
     assert "usage: geovp" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("run x.toml --limit 1.5", "'1.5' is not a whole number from 1 to"),
+        ("predict x --size 5xa", "'a' is not a whole number from 1 to"),
+        ("predict x --fov wide", "'wide' is not a number from 1 to 179"),
+        ("run x.toml --shard 3", "'3' is not I/N, such as 3/64"),
+    ],
+)
+def test_a_value_of_an_option_is_told_what_is_expected(
+    words: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(words.split())
+    assert expected in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import argparse
 import tomllib
 from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -116,12 +117,13 @@ def number(
     low: float, high: float = 1e9, kind: type[int] | type[float] = int
 ) -> Callable[[str], Any]:
     """Return the type of an argument: a number from `low` to `high`."""
+    expected = "a whole number" if kind is int else "a number"
 
     def parse(text: str) -> int | float:
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not from {low:g} to {high:g}")
-        return value
+        with suppress(ValueError):
+            if low <= (value := kind(text)) <= high:
+                return value
+        raise argparse.ArgumentTypeError(f"{text!r} is not {expected} from {low:g} to {high:g}")
 
     return parse
 
@@ -134,7 +136,9 @@ def rate(text: str) -> float | str:
 
 def shard(text: str) -> tuple[int, int]:
     """Parse the number of a part and of all parts, such as 3/64."""
-    part, _, count = text.partition("/")
+    part, slash, count = text.partition("/")
+    if not slash:
+        raise argparse.ArgumentTypeError(f"{text!r} is not I/N, such as 3/64")
     num_parts = number(1)(count)
     return int(number(1, num_parts)(part)), int(num_parts)
 
