@@ -1,6 +1,5 @@
 """Tables of a results folder: means, intervals, privileged inputs, and notes that explain them."""
 
-import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -62,44 +61,47 @@ def against(
     main = _main_table(results, **selection)
     others = results.select() if has_seeds else results.select(name)
     selection["metrics"] = ()  # the reference may lack some
-    rows = _main_table(others, **selection).rows
-    named = {row.label.partition(" (")[0]: row for row in rows} if has_seeds else {name: rows[0]}
+    references = _main_table(others, **selection).rows
+    named = {name: references[0]}
+    if has_seeds:
+        named = {row.label.partition(" (")[0]: row for row in references}
     if name not in named:
         raise BadData(f"no method is called {name!r}{nearest(name, named)}")
     reference = named[name]
     columns = [column for column in main.columns if column.key in reference.scores]
-    # A positive error always differs from none: no test is needed.
-    exact = [
-        column.key
-        for column in columns
-        if column.higher_is_better is False and reference.scores[column.key].is_exact
-    ]
-    methods = []
-    for method in main.rows:
-        if method.label == reference.label or not method.scores:
-            continue
-        differences = {}
-        for key in (column.key for column in columns if column.key in method.scores):
-            bounds = (0.0, np.inf) if key in exact else UNBOUNDED
-            pairs = [(method.scores[key], reference.scores[key])]
-            [differences[key]] = Intervals().differences(pairs, protocol["clips"], bounds)
-        num_clips = max((score.clips for score in differences.values()), default=0)
-        methods.append(replace(method, scores=differences, num_clips=num_clips))
-    # Stars and notes: which differences are significant, and which are not tested.
+    methods = [row for row in main.rows if row.scores and row.label != reference.label]
+    differences: dict[str, dict[str, Score]] = {method.label: {} for method in methods}
+    exact: list[str] = []  # titles of columns in which the reference has no error
     starred = set[tuple[str, str]]()
-    for key in (column.key for column in columns if column.key not in exact):
-        tested = [method for method in methods if key in method.scores]
-        is_significant = holm([method.scores[key] for method in tested])
-        starred.update((method.label, key) for method in itertools.compress(tested, is_significant))
-    notes = ["*: p < .05 after Holm's procedure over the methods."] * bool(starred)
-    if any(score.has_few_clips for method in methods for score in method.scores.values()):
+    for column in columns:
+        key, of_reference = column.key, reference.scores[column.key]
+        scored = [method for method in methods if key in method.scores]
+        pairs = [(method.scores[key], of_reference) for method in scored]
+        is_exact = column.higher_is_better is False and of_reference.is_exact
+        bounds = (0.0, np.inf) if is_exact else UNBOUNDED
+        gaps = Intervals().differences(pairs, protocol["clips"], bounds)
+        for method, gap, is_significant in zip(scored, gaps, holm(gaps), strict=True):
+            differences[method.label][key] = gap
+            if is_significant and not is_exact:
+                starred.add((method.label, key))
+        if is_exact:  # a positive error always differs from none: no test is needed
+            exact.append(stored_facts.title(key))
+    rows = []
+    for method in methods:
+        gaps_of_method = differences[method.label]
+        num_clips = max((gap.clips for gap in gaps_of_method.values()), default=0)
+        rows.append(replace(method, scores=gaps_of_method, num_clips=num_clips))
+    notes = []
+    if starred:
+        notes.append("*: p < .05 after Holm's procedure over the methods.")
+    if any(gap.has_few_clips for row in rows for gap in row.scores.values()):
         notes.append("Differences on fewer than eight effective clips are not tested.")
     if exact:
-        names = ", ".join(map(stored_facts.title, exact))
+        names = ", ".join(exact)
         notes.append(f"{name} has no {names}, so that other methods are not tested against it.")
     heading = f"{protocol['name']}: differences from {name}"
     table = Table(
-        "against", heading, columns, methods, (), starred, spread=spread, has_differences=True
+        "against", heading, columns, rows, (), starred, spread=spread, has_differences=True
     )
     return explained(table, results, notes)
 
