@@ -17,7 +17,6 @@ import numpy as np
 from numpy.random import Generator
 
 from geovp.progress import tracked
-from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
 from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.statistics.score import Score
 from geovp_benchmarks.tables.formats import grid
@@ -103,7 +102,8 @@ def run(args: argparse.Namespace) -> Iterator[str]:
         for _ in range(args.draws):
             values, effects = setting.draw(rng)
             table, bootstrap = (
-                method.interval(values, clips) for method in (Intervals(), BlockBootstrap())
+                Intervals(min_drives=min_drives).interval(values, clips)
+                for min_drives in (Intervals.min_drives, len(values))
             )
             half = 1.96 * table.standard_error
             hits += [

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from geovp.drawing.page import Page
 from geovp.progress import tracked
-from geovp_benchmarks.cli.options import number, option
+from geovp_benchmarks.cli.options import option
 from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.tables.formats import grid
 from geovp_classic import registry
@@ -32,6 +32,7 @@ class Setup:
     """What is shown when, and standard deviations of the commands from the motion that results."""
 
     latencies: tuple[int, ...] = (1, 2, 3, 5, 7, 10, 15, 20, 25)  # frames of 0.1 s
+    num_frames: int = 90  # of a drive
     stride: int = 5  # frames between two presents
     num_warm_up: int = 12  # frames
     speed_error_fraction: float = 0.05  # constant in each latency
@@ -45,7 +46,6 @@ ARGUMENTS = {
         "frames FRAMES... = 03[0:180) raw0095": option(
             "Sequences or stretches of them.", nargs="*"
         ),
-        "--num-frames N = 90": option("Frames of a drive, at least 39.", type=number(39)),
         "--every N = 5": "Frames between two scored ones.",
         "--metrics NAME... = psnr ssim lpips": "Metrics of frames.",
         "--plot FILE": "File for curves: png, pdf or svg.",
@@ -56,11 +56,10 @@ ARGUMENTS = {
 def run(args: argparse.Namespace) -> Iterator[str]:
     """Yield tables over the latency; draw the first metric."""
     spec = {"name": "kitti", "root": args.root, "sequences": args.frames, "size_px": [256, 256]}
-    spec |= {"num_frames": args.num_frames, "stride": args.num_frames}
+    setup = Setup(stride=args.every)
+    spec |= {"num_frames": setup.num_frames, "stride": setup.num_frames}
     dataset = registry.build("datasets", spec)
     metrics = {name: registry.build("frame_metrics", name) for name in args.metrics}
-
-    setup = Setup(stride=args.every)
     # Views of each method at each latency.
     scores: defaultdict[str, list[FloatArray]] = defaultdict(list)
     names: list[str] = []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_benchmarks.tables import formats, tables
 from geovp_benchmarks.tables.table_model import Column, Row, best
 from geovp_classic.errors import BadData
@@ -21,7 +21,7 @@ OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
 
 
 def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> Row:
-    score = BlockBootstrap().interval(values, CLIPS)
+    score = Intervals().interval(values, CLIPS)
     return Row(name, {"psnr": score}, marks, score.clips, by_truth)
 
 

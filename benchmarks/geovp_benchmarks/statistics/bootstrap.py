@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks.results.score_names import UNBOUNDED, Bounds
+from geovp_benchmarks.results.score_names import Bounds
 from geovp_benchmarks.statistics.score import Score, sequences_of
 from geovp_benchmarks.statistics.student import student_p_value, student_quantile
 from geovp_classic.types import BoolArray, FloatArray, IntArray
@@ -82,15 +82,6 @@ class BlockBootstrap:
     min_slow: float = 2.0
     min_error_ratio: float = 0.6  # of the standard error that independent values would have
     min_length: int = 3  # clips of a sequence
-
-    def interval(
-        self,
-        values: FloatArray,  # [N]; NaN is left out
-        clips: Sequence[str],  # [N], in the order in which they were taken
-        bounds: Bounds = UNBOUNDED,
-    ) -> Score:
-        """Return the mean and its interval; see `intervals`."""
-        return self.intervals(values[None], np.isfinite(values), clips, [bounds])[0]
 
     def intervals(
         self,

@@ -43,7 +43,8 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(
     noise = np.random.default_rng(0).normal(size=(400, 236))
     values = lfilter([1.0], [1.0, -correlation], noise, axis=1)[:, 200:]
     found = [
-        BlockBootstrap(seed=number).interval(row, clips(36)) for number, row in enumerate(values)
+        Intervals(bootstrap=BlockBootstrap(seed=number)).interval(row, clips(36))
+        for number, row in enumerate(values)
     ]
     assert low < np.mean([each.low <= 0 <= each.high for each in found]) < high
     # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent values
@@ -65,10 +66,10 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
 
 
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
-    found = BlockBootstrap().interval(np.array([1.0, np.nan, 3.0]), clips(3))
+    found = Intervals().interval(np.array([1.0, np.nan, 3.0]), clips(3))
     assert found.mean == 2.0
     assert np.isnan(found.low)
-    assert np.isnan(BlockBootstrap().interval(np.array([np.nan]), clips(1)).mean)
+    assert np.isnan(Intervals().interval(np.array([np.nan]), clips(1)).mean)
 
 
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
@@ -79,8 +80,8 @@ def test_a_clips_sequence_is_its_name_without_the_number() -> None:
 def test_a_fraction_stays_a_fraction() -> None:
     """Four clips alone give wide intervals; none reaches what the metric cannot be."""
     values = np.array([0.99, 0.97, 0.4, 0.5])
-    free = BlockBootstrap().interval(values, clips(4))
-    held = BlockBootstrap().interval(values, clips(4), (0.0, 1.0))
+    free = Intervals().interval(values, clips(4))
+    held = Intervals().interval(values, clips(4), (0.0, 1.0))
     assert free.high > 1
     assert (held.low, held.high) == (max(free.low, 0.0), 1.0)
 
@@ -106,7 +107,7 @@ class TestAutocorrelationTime:
 
 @pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
 def test_equal_values_have_an_interval_without_width(value: float) -> None:
-    found = BlockBootstrap().interval(np.full(8, value), clips(8))
+    found = Intervals().interval(np.full(8, value), clips(8))
     assert (found.mean, found.low, found.high, found.effective_clips) == (value, value, value, 8)
 
 
@@ -145,7 +146,7 @@ class TestStandardError:
         values = np.random.default_rng(10).normal(size=count)
         tau, _ = autocorrelation_time(values, np.arange(count))
         error, degrees = standard_error(values, tau)
-        found = BlockBootstrap(level).interval(values, clips(count))
+        found = Intervals(bootstrap=BlockBootstrap(level)).interval(values, clips(count))
         half = error * stats.t(degrees).ppf((1 + level) / 2)
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert found.effective_clips == pytest.approx(count / tau)

@@ -40,7 +40,8 @@ def test_fewer_than_eight_drives_have_the_block_bootstrap() -> None:
     values = np.random.default_rng(1).normal(size=56)
     names = clips(*[8] * 7)
     score = Intervals().interval(values, names)
-    assert score == BlockBootstrap().interval(values, names)
+    is_finite, bounds = np.isfinite(values), [(-np.inf, np.inf)]
+    assert [score] == BlockBootstrap().intervals(values[None], is_finite, names, bounds)
     assert not score.is_over_drives
     assert Intervals().interval(values, clips(*[7] * 8)).is_over_drives
 

@@ -5,7 +5,7 @@ import pytest
 
 from geovp_benchmarks.results.scores import nanmean
 from geovp_benchmarks.statistics import samples
-from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_classic.types import FloatArray
 from tests.benchmarks.made import scores
 
@@ -22,7 +22,7 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
     by_clip = nanmean(samples.mean_of_samples(table), axis=1)
     assert by_clip.tolist() == [2.0, 6.0]
-    assert BlockBootstrap().interval(by_clip, "ab").standard_error == pytest.approx(2.0)
+    assert Intervals().interval(by_clip, "ab").standard_error == pytest.approx(2.0)
 
 
 def test_best_sample_is_one_sample_over_all_steps() -> None:

@@ -17,7 +17,7 @@ from geovp_benchmarks.plots import Options, clips, style
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
-from geovp_benchmarks.statistics.bootstrap import BlockBootstrap
+from geovp_benchmarks.statistics.intervals import Intervals
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 from tests.benchmarks.made import write_protocol, write_row
@@ -86,7 +86,7 @@ class TestHorizon:
         np.testing.assert_allclose(lines(page)[0], 21.0 - np.arange(1, 7))
         bars = [bar for group in page.figure.axes[0].collections for bar in group.get_segments()]
         (_, low), (_, high) = bars[0]
-        expected = BlockBootstrap().interval(np.array([17.0, 18.0, 19.0]), CLIPS)
+        expected = Intervals().interval(np.array([17.0, 18.0, 19.0]), CLIPS)
         np.testing.assert_allclose([low, high], [expected.low, expected.high])
         assert expected.low < 18 - 1 / np.sqrt(3)  # wider than one standard error
         bars = [bar for bar in bars if len(bar)]
