@@ -168,7 +168,10 @@ class VideoFrames:
             if packet.dts is not None:
                 order.append(packet.dts)
                 places.append((packet.dts, packet.pos))
-            if packet.size and not (packet.is_discard or packet.is_corrupt):
+            if not packet.size or packet.is_discard or packet.is_corrupt:
+                continue
+            # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
+            if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
                 whole.append(packet.pts)
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
         self._is_avi = self._container.format.name == "avi"

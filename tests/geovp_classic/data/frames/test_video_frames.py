@@ -126,6 +126,16 @@ def test_a_cover_picture_is_not_the_video(name: str, tmp_path: Path) -> None:
     assert levels(VideoFrames(path)) == list(range(9))
 
 
+def test_hidden_frames_of_vp8_do_not_count(tmp_path: Path) -> None:
+    """Frame 2 becomes an alternate reference frame: the bit that shows it is cleared."""
+    path = write_video(tmp_path / "a.webm", grey_levels(14), codec="libvpx", options={"g": "5"})
+    with av.open(str(path)) as video:
+        frame = [bytes(packet) for packet in video.demux(video=0)][2]
+    hidden = bytes([frame[0] & ~0x10]) + frame[1:]
+    path.write_bytes(path.read_bytes().replace(frame, hidden, 1))
+    assert levels(VideoFrames(path)) == [0, 1, *range(3, 14)]
+
+
 def test_a_stream_that_begins_inside_a_group_has_the_frames_from_its_first_key_frame_on(
     tmp_path: Path,
 ) -> None:
