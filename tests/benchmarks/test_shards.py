@@ -72,6 +72,12 @@ def test_a_compact_folder_has_one_score_file_for_all_methods(
     assert "7 of 7 reproduce" in printed("verify", stored, "--pairs", "7", "--tolerance", "0.001")
 
 
+def test_a_compact_folder_may_have_no_scores(file: Path, tmp_path: Path, printed: Says) -> None:
+    printed("run", file, "--out", tmp_path / "none", "--shard", "1/8", "--no-report")  # 7 clips
+    printed("merge", tmp_path / "stored", tmp_path / "none", "--compact")
+    assert Results(tmp_path / "stored").by_name()["noise"].num_clips == 0
+
+
 def test_shards_write_into_one_folder_at_the_same_time(
     file: Path, tmp_path: Path, toys: Path, whole: list[dict[str, Any]], printed: Says
 ) -> None:

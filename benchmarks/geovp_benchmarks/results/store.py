@@ -257,7 +257,8 @@ class Results:
     def compact(self) -> None:
         """Join the scores of all methods in one file."""
         records = {name: method.scored for name, method in self.by_name().items() if method.scored}
-        self._score_files.compact(records, self.protocol()["clips"])
+        if records:
+            self._score_files.compact(records, self.protocol()["clips"])
         self.memory.clear()
 
     def discard(self, method: Method) -> None:
