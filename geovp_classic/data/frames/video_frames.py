@@ -71,7 +71,10 @@ class VideoFrames:
         """
         if self.times_s is None:
             if stated_hz is None:
-                raise BadData(f"{self.path} does not state its rate: give {name}")
+                raise BadData(
+                    f"{self.path} does not state its rate: give frame_rate_hz, or fps in the file "
+                    "of cameras"
+                )
             return np.arange(len(self)) / stated_hz
         if stated_hz is not None and len(self) > 1:
             usual_hz = 1 / float(np.median(np.diff(self.times_s)))
