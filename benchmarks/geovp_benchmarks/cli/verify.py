@@ -43,5 +43,6 @@ def run(args: argparse.Namespace) -> LinesAndCode:
     yield from verification.other_versions(results)
     for name, reason in unavailable.items():
         yield f"{name} cannot be compared: {reason}"
-    yield f"{good} of {len(pairs)} reproduce" + " in the other metrics" * bool(unavailable)
+    where = " in the other metrics" if unavailable else ""
+    yield f"{good} of {len(pairs)} reproduce{where}"
     return int(good < len(pairs) or bool(unavailable))

@@ -33,9 +33,11 @@ def merge(
     output.write_protocol({**protocol, "methods": [*methods]})
     for method in methods.values():
         output.write_method(method)
+    patterns = ["*/scores/part-*.parquet", "scores/part-*.parquet"]
+    if not is_compact:
+        patterns += ["*/predictions/[!.]*", "clips/[!.]*"]
     for results in inputs:
-        patterns = ["*/scores/part-*.parquet", "scores/part-*.parquet"]
-        for pattern in [*patterns, *["*/predictions/[!.]*", "clips/[!.]*"] * (not is_compact)]:
+        for pattern in patterns:
             _copy(results.root, output.root, pattern)
     output.merge(methods.values())
     if is_compact:

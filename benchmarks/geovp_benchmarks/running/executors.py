@@ -5,7 +5,6 @@ replaced and the other tasks go on.
 """
 
 import functools
-import itertools
 import multiprocessing
 import operator
 import os
@@ -352,13 +351,16 @@ def _gpu_lock() -> FileLock | None:
     gpus = [str(number) for number in range(num_gpus)]
     if "CUDA_VISIBLE_DEVICES" in os.environ:
         gpus = os.environ["CUDA_VISIBLE_DEVICES"].split(",")
-    for turn in itertools.count() if len(gpus) > 1 else ():
+    if len(gpus) < 2:
+        return None
+    turn = 0
+    while True:
         for gpu in gpus:
             lock = FileLock(Path(tempfile.gettempdir(), f"geovp-{turn}-gpu-{gpu}.lock"))
             with suppress(Timeout):
                 lock.acquire(timeout=0)
                 return lock
-    return None
+        turn += 1
 
 
 def _limited(

@@ -64,8 +64,8 @@ class Plan:
     def own_clips(self) -> Sequence[str]:
         """Return the clips to compute, up to the limit: those of a shard share frames."""
         clips, (part, num_parts) = self.clips[: self.limit], self.shard or (1, 1)
-        first, last = ((part - skip) * len(clips) // num_parts for skip in (1, 0))
-        return clips[first:last]
+        first = (part - 1) * len(clips) // num_parts
+        return clips[first : part * len(clips) // num_parts]
 
     @cached_property
     def stored_clips(self) -> Set[str]:

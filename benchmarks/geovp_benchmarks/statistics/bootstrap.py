@@ -42,8 +42,10 @@ class Groups:
         is_short = sizes[sequences] < min_length
         order = np.argsort(np.where(is_short, len(sizes), sequences), kind="stable")
         num_short = int(is_short.sum())
-        lengths = [*sizes[sizes >= min_length], *[num_short] * (num_short > 0)]
-        return cls(order, np.array(lengths, np.int64), num_short)
+        lengths = sizes[sizes >= min_length]
+        if num_short:
+            lengths = np.append(lengths, num_short)
+        return cls(order, lengths, num_short)
 
     def centred(self, ordered: FloatArray) -> FloatArray:
         """Return values [K, N] in the order of the groups less the mean of their group."""
