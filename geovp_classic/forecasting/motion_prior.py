@@ -34,7 +34,7 @@ from geovp_classic.types import FloatArray, Trajectory
 
 @dataclass(frozen=True)
 class MotionPrior(PlanarForecaster):
-    """The central path, or samples around it.
+    """Networks fitted to how drivers move: a central path, or samples around it.
 
     The past is resampled to steps of 0.1037 s; a shorter past is continued backwards. A stationary
     camera stays where it is, unless several samples are asked for. Beyond the fitted 2.2 s the path
