@@ -6,14 +6,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from geovp_classic.errors import BadData
+
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a scratch path that becomes the file or folder `path` at the end.
 
     The scratch is removed after an error. Parent folders are created; an existing file or empty
-    folder is replaced.
+    folder is replaced, a pipe or device is refused.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise BadData(f"{path} is a pipe or device, which would be replaced: give another path")
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -38,7 +38,7 @@ def install_command(extra: str) -> str:
 
 def nearest(word: str, words: Iterable[str]) -> str:
     """Return the end of a message: the nearest of the words, or all of them."""
-    words = sorted(words)
+    words = sorted({*words})
     if close := difflib.get_close_matches(word, words, n=1, cutoff=0.5):
         return f": did you mean {close[0]!r}?"
     return f": known are {', '.join(words) or 'none'}"

@@ -1,10 +1,12 @@
 """A file or folder appears when it is complete; an error leaves the old one and no scratch."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from geovp_classic.atomic import atomic_write, write_bytes
+from geovp_classic.errors import BadData
 
 
 def test_a_file_replaces_the_old_one(tmp_path: Path) -> None:
@@ -47,3 +49,10 @@ def test_a_folder_replaces_an_empty_one(tmp_path: Path) -> None:
         assert not (folder / "a").exists()
     assert [path.name for path in folder.iterdir()] == ["a"]
     assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(BadData, match="pipe is a pipe or device"):
+        write_bytes(tmp_path / "pipe", b"content")
+    assert (tmp_path / "pipe").is_fifo()
