@@ -119,6 +119,8 @@ def test_the_variants_of_the_ablation_differ() -> None:
         ("root", "$DATA/x", None),
         ("root", "missing", None),
         ("cameras", "lenses.toml", "file/lenses.toml"),
+        ("split", "lenses.toml", "file/lenses.toml"),
+        ("split", "data", None),
     ],
 )
 def test_relative_paths_are_those_of_the_matrix_file(

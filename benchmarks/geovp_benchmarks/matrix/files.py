@@ -45,10 +45,12 @@ def _resolve_paths(protocol: Any, folder: Path) -> None:
     """Make the data set's relative paths absolute, so that stored results find it from anywhere.
 
     They are relative to the matrix file, or, where nothing lies there, to the working directory.
-    Names of splits are not paths.
+    A split is a path if it ends in .toml, else a name.
     """
     dataset = protocol.get("dataset") if isinstance(protocol, dict) else None
-    names = ("root", "path", "cameras", "times", "trajectory")
+    names = ["root", "path", "cameras", "times", "trajectory"]
+    if isinstance(dataset, dict) and str(dataset.get("split")).endswith(".toml"):
+        names.append("split")
     for table, name in ((protocol, "root"), *((dataset, name) for name in names)):
         text = table.get(name) if isinstance(table, dict) else None
         if isinstance(text, str) and text and "$" not in text and text[0] != "~":
