@@ -67,7 +67,7 @@ def wait_for_files(root: Path, count: int, process: subprocess.Popen[bytes]) -> 
 def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path, printed: Says) -> None:
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     for count in (1, 4):  # twice, so that a resumed run is killed as well
-        process = begin(killed, toys, sleep_s=0.15)
+        process = begin(killed, toys, sleep_s=0.5)
         wait_for_files(killed / "out", count, process)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
@@ -76,7 +76,7 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path, print
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
     scratch.write_bytes(b"half a file that a kill left behind")
     os.utime(scratch, (0, 0))  # of long ago: another run may be writing newer ones
-    assert begin(killed, toys, sleep_s=0.15).wait() == 0
+    assert begin(killed, toys, sleep_s=0.5).wait() == 0
     printed("run", matrix(whole, 0.0), "--out", whole / "out", "--no-report")
     assert not scratch.exists()
     for method in METHODS:
