@@ -116,16 +116,7 @@ class MovingRegions:
         earlier = [self._earlier(greys, past, camera, static_depth, stride) for stride in strides]
         explained = self._explain(greys[-1], earlier)
 
-        # Candidates: textured pixels that move on their own, and pixels below the ground that do
-        # not fit it any better; without gaps and specks.
-        contrast = self._contrast(greys[-1])
-        is_textured = (contrast > self.min_contrast) & explained.is_seen
-        is_textured &= explained.moved < self.max_own_ratio * contrast
-        is_textured &= explained.parallax_px > self.min_parallax_px
-        is_moving = (is_textured | below) & (explained.moved < explained.static)
-        square = np.ones((self.window_px, self.window_px), np.uint8)
-        candidates = cv2.morphologyEx(is_moving.view(np.uint8), cv2.MORPH_CLOSE, square)
-        candidates = cv2.morphologyEx(candidates, cv2.MORPH_OPEN, square)
+        candidates = self._candidates(greys[-1], explained, below)
 
         # Regions whose own motion explains the frames before. Parallel edges, such as a kerb, do
         # not show their motion along themselves (aperture problem).
@@ -156,6 +147,21 @@ class MovingRegions:
             shown_depth = max(float(np.median(inverse_depth[mask])), nearest)
             patches.append(self._patch(mask, motion, shown_depth, past, camera, strides[-1]))
         return patches
+
+    def _candidates(self, last: ByteArray, explained: _Explanations, below: BoolArray) -> ByteArray:
+        """Return where [H, W] the own motion explains more than the static scene: 1, else 0.
+
+        Such pixels are textured, or lie below the ground.
+        """
+        contrast = self._contrast(last)
+        is_textured = (contrast > self.min_contrast) & explained.is_seen
+        is_textured &= explained.moved < self.max_own_ratio * contrast
+        is_textured &= explained.parallax_px > self.min_parallax_px
+        is_moving = (is_textured | below) & (explained.moved < explained.static)
+        # Without gaps and specks
+        square = np.ones((self.window_px, self.window_px), np.uint8)
+        closed = cv2.morphologyEx(is_moving.view(np.uint8), cv2.MORPH_CLOSE, square)
+        return np.asarray(cv2.morphologyEx(closed, cv2.MORPH_OPEN, square))
 
     @staticmethod
     def _isotropy(gradients: FloatArray, mask: BoolArray) -> float:

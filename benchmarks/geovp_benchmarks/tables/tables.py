@@ -115,6 +115,7 @@ def _main_table(
     has_seeds: bool = False,
 ) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores."""
+    # A row for each method with scores
     protocol, scored = results.protocol(), []
     for method in results.methods():
         if method.status in ("done", "partial"):
@@ -124,6 +125,7 @@ def _main_table(
     methods = method_scores(results, scored, strict=strict, steps=steps)
     if has_seeds:
         methods = _over_seeds(methods, protocol)
+    # Columns: those asked for, or all that differ and of which some method has scores
     with_scores = _keys(methods)
     keys = selected_columns(metrics, [*protocol["metrics"], *with_scores])
     keys = keys or _different(
@@ -135,6 +137,7 @@ def _main_table(
         methods,
     )
     headings = {key: stored_facts.title(key) for key in keys}
+    # With steps, one for each of them
     if unknown := [step for step in steps if not 1 <= step <= protocol["num_future"]]:
         raise BadData(f"--steps {unknown[0]}: give steps from 1 to {protocol['num_future']}")
     if steps:
