@@ -1,8 +1,9 @@
 """Regions of the last frame that move on their own, such as a car ahead.
 
 A region moves on its own if a constant motion of its own in the image explains the frames before
-better than the static scene does. Textured pixels show that; the region's motion as a whole
-then decides on the others around it, along the edges of the image.
+better than the static scene does, and the static scene explains it worse than the rest of the
+image. Textured pixels show that; the region's motion as a whole then decides on the others around
+it, along the edges of the image.
 """
 
 from collections.abc import Sequence
@@ -15,39 +16,15 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.geometry.optical_flow import dense_flow
+from geovp_classic.layers.region_motion import (
+    EarlierFrame,
+    RegionMotion,
+    aligned,
+    common_motion,
+    pixels_of,
+)
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory
 from geovp_classic.types.layers import MovingPatch
-
-
-class _Earlier(NamedTuple):
-    """An earlier frame, and where it shows the pixels of the last one."""
-
-    image: ByteArray  # [H, W]
-    elapsed_s: float  # to the last frame
-    rotation: FloatArray  # homography [3, 3] from the last frame, of far points: K R K^-1
-    static_px: FloatArray  # [H, W, 2], of the static scene
-    is_in_front: BoolArray  # [H, W], of the camera
-
-    def moved_px(self, pixels: FloatArray, motion_px_s: FloatArray) -> FloatArray:
-        """Return where pixels [H, W, 2] with a motion into the past are."""
-        moved = pixels + self.elapsed_s * motion_px_s
-        return cv2.perspectiveTransform(moved.astype(np.float32), self.rotation)
-
-    def shows(self, static_px: FloatArray, moved_px: FloatArray) -> BoolArray:
-        """Return where [H, W] both explanations put pixels into the image."""
-        return _is_inside(static_px, self.image.shape) & _is_inside(moved_px, self.image.shape)
-
-
-class _RegionMotion(NamedTuple):
-    """Motion of a region in the image into the past: that of its middle, and its growth."""
-
-    middle: FloatArray  # [2], pixel
-    shift_px_s: FloatArray  # [2]
-    growth_per_s: float
-
-    def at(self, pixels: FloatArray) -> FloatArray:
-        """Return the motion [..., 2] of pixels."""
-        return self.shift_px_s + self.growth_per_s * (pixels - self.middle)
 
 
 class _Explanations(NamedTuple):
@@ -55,6 +32,7 @@ class _Explanations(NamedTuple):
 
     static: FloatArray
     moved: FloatArray
+    contrast: FloatArray  # [H, W], standard deviation of windows of the last frame
     is_seen: BoolArray  # [H, W], in most of the earlier frames
     parallax_px: FloatArray  # largest distance between both explanations
     # [H, W, 2], own motion into the past, without the rotation of the camera
@@ -80,7 +58,9 @@ class MovingRegions:
     # Inverse depth over that of the ground: less lies below it, beyond the error of both
     max_below_ratio: float = 0.7
     min_isotropy: float = 0.1  # of the gradients of a region: 1 for corners, 0 for parallel edges
-    # Median distance of the flow from a translation and a scale, at the farthest frame.
+    # Mean difference that the static scene leaves in a region, over the median of the image.
+    min_static_ratio: float = 3.0
+    # Distance of the flow from a similarity, at the farthest frame; half of a region must keep it.
     max_misfit_px: float = 2.5
     # Of a region's larger side: how far around it pixels may belong to it. Set by hand.
     margin: float = 0.25
@@ -116,7 +96,7 @@ class MovingRegions:
         earlier = [self._earlier(greys, past, camera, static_depth, stride) for stride in strides]
         explained = self._explain(greys[-1], earlier)
 
-        candidates = self._candidates(greys[-1], explained, below)
+        candidates = self._candidates(explained, below)
 
         # Regions whose own motion explains the frames before. Parallel edges, such as a kerb, do
         # not show their motion along themselves (aperture problem).
@@ -132,30 +112,37 @@ class MovingRegions:
             if statistics[region, cv2.CC_STAT_AREA] < min_area:
                 continue
             mask = regions == region
-            if not self._moves(mask, explained, min_area):
+            if not self._contradicts_scene(mask, explained, min_area):
                 continue
             if self._isotropy(gradients, mask) < self.min_isotropy:
                 continue
-            motion = self._region_motion(mask, explained.motion_px_s, earlier[-1].elapsed_s)
+            motion = common_motion(
+                mask, explained.motion_px_s, earlier[-1].elapsed_s, self.max_misfit_px
+            )
             if motion is None:
                 continue
             # The whole object that moves so; nothing, if its outline is better explained without.
+            motion = aligned(motion, mask, greys[-1], earlier)
             mask = self._outlined(mask, motion, greys[-1], earlier) & ~is_taken
             if mask.sum() < min_area:
                 continue
             is_taken |= mask
+            motion = aligned(motion, mask, greys[-1], earlier)
             shown_depth = max(float(np.median(inverse_depth[mask])), nearest)
             patches.append(self._patch(mask, motion, shown_depth, past, camera, strides[-1]))
         return patches
 
-    def _candidates(self, last: ByteArray, explained: _Explanations, below: BoolArray) -> ByteArray:
+    def _is_textured(self, explained: _Explanations) -> BoolArray:
+        """Return which pixels [H, W] can tell a right explanation from a wrong one."""
+        return (explained.contrast > self.min_contrast) & explained.is_seen
+
+    def _candidates(self, explained: _Explanations, below: BoolArray) -> ByteArray:
         """Return where [H, W] the own motion explains more than the static scene: 1, else 0.
 
         Such pixels are textured, or lie below the ground.
         """
-        contrast = self._contrast(last)
-        is_textured = (contrast > self.min_contrast) & explained.is_seen
-        is_textured &= explained.moved < self.max_own_ratio * contrast
+        is_textured = self._is_textured(explained)
+        is_textured &= explained.moved < self.max_own_ratio * explained.contrast
         is_textured &= explained.parallax_px > self.min_parallax_px
         is_moving = (is_textured | below) & (explained.moved < explained.static)
         # Without gaps and specks
@@ -169,15 +156,20 @@ class MovingRegions:
         smaller, larger = np.linalg.eigvalsh(gradients[mask].T @ gradients[mask])
         return float(smaller / max(larger, 1e-9))
 
-    def _moves(self, mask: BoolArray, explained: _Explanations, min_area: float) -> bool:
-        """Return whether the own motion of a region explains what the static scene does not.
+    def _contradicts_scene(
+        self, mask: BoolArray, explained: _Explanations, min_area: float
+    ) -> bool:
+        """Return whether the static scene explains a region much worse than the whole image.
 
-        Only pixels that were seen, and that the two put at different places, tell them apart.
+        Where poses, depth or the light are uncertain, it leaves differences everywhere. Only pixels
+        that were seen, and that the two explanations put at different places, tell them apart.
         """
         is_used = mask & explained.is_seen & (explained.parallax_px > self.min_parallax_px)
-        if is_used.sum() < min_area:
+        is_textured = self._is_textured(explained)
+        if is_used.sum() < min_area or not is_textured.any():
             return False
-        return bool(explained.moved[is_used].mean() < explained.static[is_used].mean())
+        typical = np.median(explained.static[is_textured])
+        return bool(explained.static[is_used].mean() > self.min_static_ratio * typical)
 
     def _earlier(
         self,
@@ -186,20 +178,20 @@ class MovingRegions:
         camera: Intrinsics,
         inverse_depth: FloatArray,
         stride: int,
-    ) -> _Earlier:
+    ) -> EarlierFrame:
         """Return an earlier frame with the places of the static scene in it."""
         pose, last_pose = past.world_from_cam[[-1 - stride, -1]]
         earlier_from_last = se3.inverse(pose) @ last_pose
         rotation = camera.matrix @ earlier_from_last[:3, :3] @ np.linalg.inv(camera.matrix)
         static_px, ratio = Epipolar.of(camera, earlier_from_last, camera).project(inverse_depth)
         elapsed_s = float(past.times_s[-1] - past.times_s[-1 - stride])
-        return _Earlier(greys[-1 - stride], elapsed_s, rotation, static_px, ratio > 0)
+        return EarlierFrame(greys[-1 - stride], elapsed_s, rotation, static_px, ratio > 0)
 
-    def _explain(self, last: ByteArray, earlier: Sequence[_Earlier]) -> _Explanations:
+    def _explain(self, last: ByteArray, earlier: Sequence[EarlierFrame]) -> _Explanations:
         """Compare the last frame with earlier ones, by the static scene and by its own motion."""
         # What the rotation of the camera leaves of the flow is a constant motion in the image
         # (least squares).
-        pixels = _pixels(last)
+        pixels = pixels_of(last)
         motion_px_s = np.zeros_like(pixels)
         for frame in earlier:
             flow = dense_flow(last, frame.image, cv2.DISOPTICAL_FLOW_PRESET_FAST)
@@ -211,7 +203,7 @@ class MovingRegions:
         static, moved, num_seen, parallax_px = np.zeros((4, *last.shape), np.float32)
         for frame in earlier:
             moved_px = frame.moved_px(pixels, motion_px_s)
-            is_seen = frame.is_in_front & frame.shows(frame.static_px, moved_px)
+            is_seen = frame.is_in_front & frame.shows(frame.static_px) & frame.shows(moved_px)
             num_seen += is_seen
             static += self._differences(last, frame.image, frame.static_px) * is_seen
             moved += self._differences(last, frame.image, moved_px) * is_seen
@@ -219,14 +211,17 @@ class MovingRegions:
             parallax_px = np.maximum(parallax_px, distance_px)
         count = np.maximum(num_seen, 1)
         is_seen = num_seen > len(earlier) / 2
-        return _Explanations(static / count, moved / count, is_seen, parallax_px, motion_px_s)
+        contrast = self._contrast(last)
+        return _Explanations(
+            static / count, moved / count, contrast, is_seen, parallax_px, motion_px_s
+        )
 
     def _outlined(
         self,
         mask: BoolArray,  # [H, W]
-        motion: _RegionMotion,
+        motion: RegionMotion,
         last: ByteArray,
-        earlier: Sequence[_Earlier],
+        earlier: Sequence[EarlierFrame],
     ) -> BoolArray:
         """Return the region [H, W] around a mask that moves with it.
 
@@ -240,12 +235,12 @@ class MovingRegions:
             slice(max(places.min() - margin, 0), places.max() + margin + 1)
             for places in (rows, columns)
         )
-        pixels = _pixels(last)[box]
+        pixels = pixels_of(last)[box]
         motion_px_s = motion.at(pixels)
         evidence, num_seen = np.zeros((2, *pixels.shape[:2]), np.float32)
         for frame in earlier:
             static_px, moved_px = frame.static_px[box], frame.moved_px(pixels, motion_px_s)
-            is_seen = frame.is_in_front[box] & frame.shows(static_px, moved_px)
+            is_seen = frame.is_in_front[box] & frame.shows(static_px) & frame.shows(moved_px)
             num_seen += is_seen
             for places, sign in ((moved_px, 1), (static_px, -1)):
                 difference = self._differences(last[box], frame.image, places)
@@ -276,27 +271,10 @@ class MovingRegions:
         difference = cv2.absdiff(last, warped).astype(np.float32)
         return np.asarray(cv2.blur(difference, (self.window_px, self.window_px)))
 
-    def _region_motion(
-        self, mask: BoolArray, motion_px_s: FloatArray, max_s: float
-    ) -> _RegionMotion | None:
-        """Return the flow of a region as that of its middle and a scale; None unless it fits."""
-        pixels = _pixels(mask)[mask].astype(np.float64)
-        motions = motion_px_s[mask].astype(np.float64)
-        middle = pixels.mean(axis=0)
-        shift_px_s = np.median(motions, axis=0)
-        offsets = pixels - middle
-        growth_per_s = ((motions - shift_px_s) * offsets).sum() / max((offsets**2).sum(), 1.0)
-        motion = _RegionMotion(middle, shift_px_s, float(growth_per_s))
-        misfits_px = max_s * np.linalg.norm(motions - motion.at(pixels), axis=1)
-        size = 1 + growth_per_s * max_s  # in the earliest frame over that in the last one
-        if np.median(misfits_px) > self.max_misfit_px or not 0.3 < size < 3:
-            return None
-        return motion
-
     @staticmethod
     def _patch(
         mask: BoolArray,
-        motion: _RegionMotion,
+        motion: RegionMotion,
         inverse_depth: float,
         past: Trajectory,
         camera: Intrinsics,
@@ -314,14 +292,3 @@ class MovingRegions:
         now = last[:3, 3] + rotation @ (depth * ray)
         before = earliest[:3, 3] + rotation @ (depth / size * earlier_ray)
         return MovingPatch(mask, inverse_depth, (now - before) / seconds)
-
-
-def _pixels(image: ByteArray | BoolArray) -> FloatArray:
-    """Return the pixels (u, v) of an image [H, W], [H, W, 2] float32."""
-    return np.stack(np.meshgrid(*map(np.arange, image.shape[::-1])), axis=-1).astype(np.float32)
-
-
-def _is_inside(pixels: FloatArray, shape: tuple[int, ...]) -> BoolArray:
-    """Return which pixels [H, W, 2] lie in an image of a shape (H, W)."""
-    height, width = shape
-    return np.asarray(cv2.inRange(pixels, (0, 0), (width - 1, height - 1)) > 0)
