@@ -59,7 +59,7 @@ class MovingRegions:
     max_below_ratio: float = 0.7
     min_isotropy: float = 0.1  # of the gradients of a region: 1 for corners, 0 for parallel edges
     # Mean difference that the static scene leaves in a region, over the median of the image.
-    min_static_ratio: float = 3.0
+    min_static_ratio: float = 2.0
     # Distance of the flow from a similarity, at the farthest frame; half of a region must keep it.
     max_misfit_px: float = 2.5
     # Of a region's larger side: how far around it pixels may belong to it. Set by hand.
