@@ -8,6 +8,7 @@ import contextvars
 import dataclasses
 import functools
 import inspect
+import json
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -233,6 +234,11 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         float: "a number",
         int: "a whole number",
         bool: "true or false",
+        str: "a text in quotes",
         Path: "a path",
     }
-    raise BadData(f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}")
+    expected = texts.get(kind, "a table")
+    if origin is tuple:
+        item = str(value) if options[0] is str else value
+        expected = f"a list, as {json.dumps([item], default=str)}"
+    raise BadData(f"{where} is {value!r}, expected {expected}")

@@ -116,6 +116,9 @@ def test_mistyped_words_get_the_nearest_right_one(role: str, spec: Any, message:
         ("mode", "fsat", "did you mean 'fast'"),
         ("size_px", [1, 2, 3], "has 3 values, expected 2"),
         ("size_px", [1, "b"], r"size_px\[1\] is 'b'"),
+        ("tags", "03", r'tags is .03., expected a list, as \["03"\]$'),
+        ("tags", 10, r'is 10, expected a list, as \["10"\]$'),
+        ("tags", [10], r"tags\[0\] is 10, expected a text in quotes"),
         ("path", 3, "expected a path"),
     ],
 )
