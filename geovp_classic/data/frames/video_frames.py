@@ -22,6 +22,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
+MPEG4_FRAME = b"\0\0\1\xb6"  # start code of a video object plane
+MAX_EMPTY_BYTES = 20  # of a packet that may hold a plane without pixels, as FFmpeg's MAX_NVOP_SIZE
 CACHE_BYTES = 256 * files.MIB
 MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
 
@@ -31,7 +33,8 @@ class VideoFrames:
 
     Neither the frame count, the rate nor the duration of the container is used. The packets tell
     when each frame is presented. Frames do not count if an edit list hides them, or if they cannot
-    be decoded because the file begins inside a group of pictures or ends inside a packet. A byte
+    be decoded because the file begins inside a group of pictures or ends inside a packet, or if
+    nothing states their time, as of the last ones of an AVI file with B-frames. A byte
     that changed inside a packet is noticed only where the codec allows it; VP8 and FFV1 do not.
     `times_s` [N] are seconds since the first frame, None for a raw stream.
     """
@@ -158,9 +161,11 @@ class VideoFrames:
         """List the ticks of frames [N] and of key frames, in units of the time base.
 
         The first frame and the last group of pictures are decoded. Ticks are numbers, and all
-        frames are decoded, in a raw stream, which has no times, in AVI files, which have those of
-        decoding, and where times begin again, because several recordings were put together.
+        frames are decoded, in a raw stream, which has no times, in AVI files and MPEG-4 packets of
+        several frames, which have those of decoding, where a packet of MPEG-4 may hold no frame,
+        and where times begin again, because several recordings were put together.
         """
+        has_packed = has_empty = False
         whole: list[int] = []
         keys: list[int] = []
         order: list[int] = []
@@ -173,16 +178,20 @@ class VideoFrames:
                 places.append((packet.dts, packet.pos))
             if not packet.size or packet.is_discard or packet.is_corrupt:
                 continue
+            if self._decoder.name == "mpeg4":
+                has_packed |= bytes(packet).count(MPEG4_FRAME) > 1
+                has_empty |= packet.size < MAX_EMPTY_BYTES
             # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
             if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
                 whole.append(packet.pts)
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
-        self._is_avi = self._container.format.name == "avi"
+        is_avi = self._container.format.name == "avi"
+        self._has_times = not (is_avi or has_packed)
         # In AVI, images that do not build on others serve, if the index is right
         index = [(entry.timestamp, entry.pos + 8) for entry in self._stream.index_entries]
         is_seekable = self._decoder.codec.intra_only and places == index
-        has_no_times = is_raw or None in whole or (self._is_avi and not is_seekable)
-        self._is_counted = has_no_times or order != sorted(order)
+        is_countable = has_packed or has_empty or (is_avi and not is_seekable)
+        self._is_counted = is_raw or None in whole or is_countable or order != sorted(order)
         self._keys = [] if self._is_counted else sorted(keys)
 
         self._restart()
@@ -198,21 +207,25 @@ class VideoFrames:
             self._restart()
             decoded = self._decode_rest()
         if self._is_counted:
-            whole = list(decoded)
+            is_known = [self._has_times or stamp is not None for stamp in decoded.values()]
+            whole = list(itertools.compress(decoded, is_known))
         ticks = [tick for tick in whole if start <= tick < last_key or tick in decoded]
         if not ticks:
             raise ValueError("no whole frame can be decoded")
         self._ticks: IntArray = np.unique(ticks)  # of frames with one time, a player shows one
 
-        stamps = [*decoded.values()] if self._is_counted else self._ticks.tolist()
+        stamps = self._ticks.tolist()
+        if self._is_counted:
+            stamps = [decoded[tick] for tick in stamps]
         self.times_s = None if is_raw else self._times(stamps)
 
     def _decode_rest(self) -> dict[int, int | None]:
         """Decode from here on, and return the time stamp of each frame by its tick.
 
-        AVI files have no times of presentation; those of decoding come in the same steps.
+        Without times of presentation, those of decoding come in the same steps. The last frames
+        of a video with B-frames have none.
         """
-        return {tick: frame.dts if self._is_avi else frame.pts for tick, frame in self._decoded}
+        return {tick: frame.pts if self._has_times else frame.dts for tick, frame in self._decoded}
 
     def _times(self, stamps: list[int | None]) -> FloatArray | None:
         """Return the times [N] of stamps since the first, None if no camera takes them.

@@ -39,7 +39,6 @@ def corners(image: np.ndarray) -> str:
     ("name", "codec", "pixel_format"),
     [
         ("a.mp4", "libx264", "yuv420p"),
-        ("b.avi", "libx264", "yuv420p"),  # with the times of decoding
         ("c.ts", "libx264", "yuv420p"),
         ("d.mkv", "ffv1", "yuv444p"),
         ("e.mov", "mjpeg", "yuvj420p"),
@@ -69,15 +68,48 @@ def test_frames_come_by_number_in_any_order(
         ("b.mkv", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),
         ("d.avi", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),  # with empty frames between them
         ("c.mkv", [0, 40, 80, 120, 120, 160, 260, 360]),  # of two with one time, the first is shown
+        ("B-frames.avi", [0, 40, 80, 120, 160, 200, 300, 400, 500, 600]),
     ],
 )
 def test_times_are_those_of_presentation(name: str, times_ms: list[int], tmp_path: Path) -> None:
+    """AVI has no times of presentation, and with B-frames none for the last frame."""
     images = grey_levels(len(times_ms))
-    path = write_video(tmp_path / name, images, times_ms=times_ms, options={"bf": "0"})
+    has_b_frames = name == "B-frames.avi"
+    options = {"crf": "1", "bf": str(int(has_b_frames))}
+    path = write_video(tmp_path / name, images, times_ms=times_ms, options=options)
     frames = VideoFrames(path)
-    distinct_ms, first = np.unique(times_ms, return_index=True)
+    distinct_ms, first = np.unique(times_ms[: -has_b_frames or None], return_index=True)
     np.testing.assert_allclose(frames.times_s, distinct_ms / 1000, atol=1e-3)
     assert levels(frames) == first.tolist()
+
+
+@pytest.mark.parametrize("name", ["packed.avi", "packed.mp4", "empty.mkv"])
+def test_packets_of_mpeg4_may_hold_two_frames_or_none(name: str, tmp_path: Path) -> None:
+    """A packed video has packets I, PB, -, PB, -, ..., P; the other one I, P, -, P, -, ..., P."""
+    is_packed = name.startswith("packed")
+    options = {"bf": str(int(is_packed)), "g": "20"}
+    source = tmp_path / "a.avi"
+    write_video(source, grey_levels(8), codec="mpeg4", rate=25, options=options)
+    with av.open(str(source)) as video, av.open(str(tmp_path / name), "w") as output:
+        stream = output.add_stream_from_template(video.streams.video[0])
+        first, *packets = [bytes(packet) for packet in video.demux(video=0) if packet.size]
+        if is_packed:
+            packets = [*map(b"".join, zip(packets[::2], packets[1::2], strict=False)), packets[-1]]
+            extradata = stream.codec_context.extradata
+            stream.codec_context.extradata = extradata + b"\0\0\1\xb2DivX503b1393p"
+        empty = b"\0\0\1\xb6\x50\x4f"  # a plane of type P that is not coded
+        contents = [first, *(content for packet in packets for content in (packet, empty))][:-1]
+        for number, content in enumerate(contents):
+            packet = av.Packet(content)
+            packet.pts = packet.dts = number
+            packet.stream, packet.time_base = stream, Fraction(1, 25)
+            packet.is_keyframe = number == 0
+            output.mux(packet)
+    frames = VideoFrames(tmp_path / name)
+    # the time of the last packed frame is unknown
+    numbers = range(7) if is_packed else [0, 1, 3, 5, 7, 9, 11, 13]
+    np.testing.assert_allclose(frames.times_s, np.divide(numbers, 25), atol=1e-3)
+    assert levels(frames) == list(range(len(numbers)))
 
 
 def test_recordings_that_were_put_together_follow_one_another(tmp_path: Path) -> None:
