@@ -2,7 +2,8 @@
 
 A sequence is a folder with the model, binary or text, in `sparse/N`, `sparse`, `colmap/sparse/N`
 (nerfstudio) or itself, and the images in `images` or itself, where the model's names of images are
-looked up. An image that was not registered breaks the sequence, as does another sub-folder.
+looked up. An image that was not registered breaks the sequence, as does another sub-folder. Images
+that differ by more than numbers from all registered ones, such as masks, are ignored.
 """
 
 import itertools
@@ -13,7 +14,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames.image_frames import images_below, natural_order
+from geovp_classic.data.frames.image_frames import images_below, natural_order, series_name
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.recordings.scans import Scan
 from geovp_classic.data.recordings.sequences import PosedSequences
@@ -55,9 +56,8 @@ class Colmap(PosedSequences):
     def scan(self, folder: Path, findings: Findings) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
         root = folder / "images" if (folder / "images").is_dir() else folder
-        paths = sorted(images_below(root), key=natural_order)
-        images = tuple(sorted(paths, key=lambda path: path.parent))
-        times_s = np.arange(len(images)) / self.frame_rate_hz
+        paths = sorted(images_below(root), key=lambda path: (path.parent, natural_order(path)))
+        names = [path.relative_to(root).as_posix() for path in paths]
         registered: Registered = {}
         with findings.catch(folder):
             parts = itertools.chain(*map(folder.glob, self.patterns))
@@ -70,7 +70,16 @@ class Colmap(PosedSequences):
                     f"has {len(models)} models: the largest, of {len(registered)} images, is used",
                     severity="warning",
                 )
-        names = [path.relative_to(root).as_posix() for path in images]
+        # masks may lie beside the images: COLMAP calls that of im1.jpg im1.jpg.png
+        if registered:
+            series = {*map(series_name, registered)}
+            count = len(names)
+            names = [name for name in names if name in registered or series_name(name) in series]
+            if len(names) < count:
+                message = f"{count - len(names)} images are named unlike the model's: ignored"
+                findings.add(root, message, severity="note")
+        images = tuple(root / name for name in names)
+        times_s = np.arange(len(images)) / self.frame_rate_hz
         missing = sorted(registered.keys() - set(names))
         if missing:
             findings.add(

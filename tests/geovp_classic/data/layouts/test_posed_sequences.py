@@ -2,6 +2,7 @@
 
 import pickle
 import re
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -126,8 +127,13 @@ def test_trajectories_of_slam_systems_fit_clips_of_euroc(
 def test_colmap_is_broken_at_unregistered_images(
     tmp_path: Path, write_colmap: Write, street: Clip, text: bool
 ) -> None:
-    """Of images 0 to 11, 5 is lost: 0 to 4 and 6 to 11 are pieces, counted without it."""
-    write_colmap(tmp_path, "street", street, lost=[5], text=text)
+    """Of images 0 to 11, 5 is lost: 0 to 4 and 6 to 11 are pieces, counted without it.
+
+    A mask beside each image, by COLMAP's own naming, is no image.
+    """
+    folder = write_colmap(tmp_path, "street", street, lost=[5], text=text)
+    for path in [*(folder / "images").iterdir()]:
+        shutil.copy(path, path.with_name(f"{path.name}.png"))
     data = Colmap(tmp_path / "street", frame_rate_hz=10.0, **{**CUT, "stride": 1})
     assert data.ranges == (FrameRange("street", 0, 5), FrameRange("street", 5, 11))
     assert data.clip_names == tuple(f"street/{first:06d}" for first in (0, 1, 5, 6, 7))
