@@ -8,7 +8,7 @@ from geovp_classic.data.frames.video_frames import is_video
 from geovp_classic.data.layouts.cityscapes import Cityscapes
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
-from geovp_classic.data.layouts.folder import Folder
+from geovp_classic.data.layouts.folder import JSON_ADVICE, Folder
 from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.data.layouts.kitti_raw import KittiRaw
 from geovp_classic.data.layouts.rosbag import RosBag
@@ -44,6 +44,9 @@ def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, 
         return name, unread(root, **(settings or {}))
     if root.is_dir() and any(map(is_video, root.iterdir())):
         Videos(root)  # names what it lacks
+    for path in (root, *root.glob("transforms*.json")):
+        if path.suffix == ".json":
+            raise BadData(f"{path} {JSON_ADVICE}")
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
         "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, a video, "

@@ -18,6 +18,10 @@ from geovp_classic.data.recordings.windows import Rate
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray, Intrinsics
 
+JSON_ADVICE = (
+    "is not read: of the transforms.json of NeRF and nerfstudio, give the COLMAP model, or its "
+    "images and their poses in KITTI's format (docs/guide/colmap.md)"
+)
 DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
 
 
@@ -71,6 +75,8 @@ class Folder(SequenceDataset):
 
     def folders(self) -> dict[str, Path]:
         """Return the folders of images by name: the path, or those in it if it has no images."""
+        if self.path.suffix == ".json":
+            raise BadData(f"{self.path} {JSON_ADVICE}")
         if self.path.is_file():
             return {self.name: self.path}
         expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"

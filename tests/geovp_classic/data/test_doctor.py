@@ -163,8 +163,14 @@ def test_a_change_of_size_is_found_at_the_end(tmp_path: Path) -> None:
 
 
 def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "sequences").mkdir()
-    for root, message in ((tmp_path, "holds no sequence"), (tmp_path / "none", "does not exist")):
+    for name in ("kitti/sequences", "nerf/transforms.json"):
+        (tmp_path / name).mkdir(parents=True)
+    for name, message in (
+        ("kitti", "holds no sequence"),
+        ("none", "does not exist"),
+        ("nerf", r"transforms\.json is not read: .* give the COLMAP model"),
+    ):
+        root = tmp_path / name
         with pytest.raises(BadData, match=message):
             Doctor().examine(root)
 

@@ -126,6 +126,7 @@ def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
     for path, message in (
         (tmp_path / "none", "cannot be listed .*: give a video or a folder of images"),
         (tmp_path, "holds no sequence: give a folder of images"),
+        (tmp_path / "transforms.json", "is not read: .* give the COLMAP model"),
         (tmp_path / "text.mp4", "cannot be decoded as a video"),
     ):
         with pytest.raises(BadData, match=message):
