@@ -320,3 +320,4 @@ def test_settings_of_the_input_are_used(tmp_path: Path) -> None:
 def test_of_a_bag_at_30_hz_each_third_frame_is_shown(tmp_path: Path) -> None:
     bag = bag_files.write(tmp_path, "fast", replace(CLIP, times_s=CLIP.times_s / 3))
     assert len(Source.open(PredictionRequest(bag)).times_s) == len(CLIP) / 3
+    assert len(Source.open(PredictionRequest(bag, rate_hz="native")).times_s) == len(CLIP)

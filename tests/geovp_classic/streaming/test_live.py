@@ -231,6 +231,8 @@ def test_bad_input_is_explained(live: LivePredictor, clip: Clip) -> None:
         live.push(clip.frames[0], None)
     with pytest.raises(BadData, match="expected LiveSettings"):
         LivePredictor(clip.intrinsics, settings={"num_frames": 5})
+    with pytest.raises(BadData, match=r"camera_height_m is '1.4', expected a number"):
+        LivePredictor(clip.intrinsics, "1.4")
     with pytest.raises(BadData, match="sort them"):
         live.view(clip.times_s[10], [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)])
     with pytest.raises(BadData, match="must be finite"):
