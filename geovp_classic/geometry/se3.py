@@ -110,7 +110,12 @@ def orthonormalised(
     rotation = b_from_a[..., :3, :3]
     defect = rotation_defect(rotation).max()
     is_near = defect < tolerance  # False for NaN
-    if not is_near or not (np.linalg.det(rotation) > 0).all():
+    if is_near and not (np.linalg.det(rotation) > 0).all():
+        raise BadData(
+            "a rotation matrix is a mirror, as of left-handed axes (determinant -1): negate one "
+            "axis of world and camera"
+        )
+    if not is_near:
         raise BadData(
             f"a rotation matrix is off by {defect:.2g}, expected orthonormal rows within "
             f"{tolerance}"

@@ -105,7 +105,7 @@ BAD_KITTI = {
     "nan 0 0 0 0 1 0 0 0 0 1 0": "'nan' is not a finite number",
     "1 0 0 zero 0 1 0 0 0 0 1 0": "'zero' is not a finite number",
     "2 0 0 0 0 1 0 0 0 0 1 0": "a rotation matrix is off by 3",
-    "1 0 0 0 0 1 0 0 0 0 -1 0": "a rotation matrix is off",
+    "1 0 0 0 0 1 0 0 0 0 -1 0": "a rotation matrix is a mirror, as of left-handed axes",
     "0 0 0 0 0 0 0 0 0 0 0 0": "a rotation matrix is off by 1",
 }
 
