@@ -128,13 +128,17 @@ def show(
     is labelled with the number of the future frame. A prediction has such a row per sample.
     """
     check_kind("shown", shown, (Clip, Context, Target, Prediction), "a clip or a prediction")
+    for name, number in (("num_frames", num_frames), ("max_samples", max_samples)):
+        check_kind(name, number, Integral, "a whole number")
     if min(num_frames, max_samples) < 1:
         raise BadData(
             f"num_frames is {num_frames} and max_samples {max_samples}: give 1 or more of each"
         )
     rows = shown.frames[:max_samples] if isinstance(shown, Prediction) else shown.frames[None]
     if isinstance(shown, (Clip, Context)):
-        labels = [f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]]
+        times_s = shown.times_s - shown.times_s[0]
+        digits = 1 if np.diff(times_s).min(initial=1.0) > 0.095 else 2  # as of film strips
+        labels = [f"{time_s:.{digits}f} s" for time_s in times_s]
     else:
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]
     steps = np.linspace(0, rows.shape[1] - 1, num_frames)

@@ -151,6 +151,16 @@ class TestShow:
         np.testing.assert_array_equal(strip[14:, -66:-2], clip.frames[5])
         strip = np.asarray(geovp.show(target, num_frames=2))
         np.testing.assert_array_equal(strip[14:, 2:66], clip.frames[6])
+        with pytest.raises(BadData, match=r"num_frames is 2.5, expected a whole number"):
+            geovp.show(context, num_frames=2.5)
+
+    def test_frames_less_than_a_tenth_of_a_second_apart_have_different_labels(
+        self, clip: geovp.Clip
+    ) -> None:
+        """At 0.00 and 0.03 s."""
+        fast = replace(clip, times_s=0.03 * np.arange(8), trajectory=None)
+        labels = np.asarray(geovp.show(fast, num_frames=8))[:14]
+        assert (labels[:, :68] != labels[:, 68:136]).any()
 
     def test_a_prediction_has_a_row_per_sample(self) -> None:
         levels = np.arange(7, dtype=np.uint8)[:, None, None, None, None]
