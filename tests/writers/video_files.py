@@ -20,12 +20,14 @@ def write_video(
     pixel_format: str = "yuv420p",
     aspect: Fraction | None = None,  # of a pixel
     turn_deg: int = 0,  # of the display matrix, counterclockwise
+    metadata: dict[str, str] | None = None,
     matrix: Sequence[int] | None = None,  # of the display, in 16.16 numbers
     **container: Any,
 ) -> Path:
     """Write a video whose frames are shown from 0 s on."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(f"file:{path.absolute()}", "w", **container) as output:
+        output.metadata.update(metadata or {})
         stream = output.add_stream(codec, rate=rate)
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt = pixel_format

@@ -24,6 +24,7 @@ from geovp_classic.types import ByteArray, FloatArray, IntArray
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
 MPEG4_FRAME = b"\0\0\1\xb6"  # start code of a video object plane
 MAX_EMPTY_BYTES = 20  # of a packet that may hold a plane without pixels, as FFmpeg's MAX_NVOP_SIZE
+CAPTURE_RATE = "com.android.capture.fps"
 CACHE_BYTES = 256 * files.MIB
 MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
 
@@ -124,8 +125,12 @@ class VideoFrames:
         if stream.codec_context.name == "ansi":  # FFmpeg draws .txt files on a terminal
             raise ValueError("it is text")
         self._stream = stream
-        if not 0 < self._stream.width * self._stream.height <= MAX_PIXELS:
-            raise ValueError(f"its frames have {self._stream.width}x{self._stream.height} pixels")
+        aspect = self._stream.sample_aspect_ratio or 1
+        num_pixels = stream.width * stream.height * max(aspect, 1 / aspect)  # as it is shown
+        if not 0 < num_pixels <= MAX_PIXELS:
+            raise ValueError(
+                f"its frames have {stream.width}x{stream.height} pixels of aspect {aspect}"
+            )
         self._decoder = stream.codec_context
         # FFmpeg's own decoder does not notice damage; libvpx is built without 10 and 12 bits
         if self._decoder.name == "vp9" and self._decoder.profile in ("Profile 0", "Profile 1"):
@@ -240,7 +245,13 @@ class VideoFrames:
             return None
         pause = 2 / unit_s + 2 * usual
         steps = np.where(is_step, steps, np.where(steps < 0, pause, usual))
-        return np.cumsum([0.0, *steps]) * unit_s
+        times_s: FloatArray = np.cumsum([0.0, *steps]) * unit_s
+        # Slow motion and time lapse state the rate of recording, other videos the nominal one
+        with contextlib.suppress(ValueError):
+            ratio = float(self._container.metadata.get(CAPTURE_RATE, "nan")) * usual * unit_s
+            if not 1 / 1.5 < ratio < 1.5 and 1e-3 < ratio < 1e3:
+                return times_s / ratio
+        return times_s
 
     def _decode(self, index: int) -> ByteArray:
         """Return one frame; BadData if it is damaged."""

@@ -143,6 +143,25 @@ def test_a_rate_that_no_camera_has_is_no_rate(tmp_path: Path) -> None:
         VideoFrames(path).times_at(None)
 
 
+def test_slow_motion_has_the_times_of_recording(tmp_path: Path) -> None:
+    """Frames were recorded at 240 Hz and are shown at 30 Hz."""
+    rate = {"com.android.capture.fps": "240.000000"}
+    options = {"movflags": "use_metadata_tags"}
+    path = tmp_path / "a.mp4"
+    write_video(path, grey_levels(4), rate=30, metadata=rate, container_options=options)
+    np.testing.assert_allclose(VideoFrames(path).times_s, np.arange(4) / 240)
+
+
+def test_pixels_of_an_extreme_aspect_are_refused(tmp_path: Path) -> None:
+    """Of 64x48 pixels, shown as 3,840,000x48."""
+    path = write_video(tmp_path / "a.mp4", grey_levels(3), aspect=Fraction(4, 3))
+    content = path.read_bytes()
+    wide = b"pasp" + struct.pack(">II", 60000, 1)
+    path.write_bytes(content.replace(b"pasp" + struct.pack(">II", 4, 3), wide))
+    with pytest.raises(BadData, match="64x48 pixels of aspect 60000"):
+        VideoFrames(path)
+
+
 @pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])  # Matroska states no numbers of frames
 def test_a_cover_picture_is_not_the_video(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
