@@ -16,7 +16,7 @@ from geovp_classic.data.formats.pose_files import clock_of
 from geovp_classic.data.frames.image_frames import Size, image_size, read_image
 from geovp_classic.data.frames.undistortion import common_pinhole
 from geovp_classic.data.layouts import detection
-from geovp_classic.data.recordings import splits
+from geovp_classic.data.recordings import splits, windows
 from geovp_classic.data.recordings.scans import Scan
 from geovp_classic.data.recordings.sequences import SequenceDataset
 from geovp_classic.errors import BadData
@@ -63,10 +63,13 @@ class Doctor:
         The sequences' names go through `watch` one by one, which may show a progress bar (tqdm
         does). BadData only if the root holds no sequences at all.
         """
-        _, dataset = detection.detect(root, settings)
+        layout, dataset = detection.detect(root, settings)
         folders = dataset.folders()
         if not folders:
-            raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
+            raise BadData(
+                f"{root} is laid out like {layout} but holds no sequence: unpack one into it, with "
+                f"the names that docs/guide/{layout}.md shows"
+            )
         rows = []
         all_findings: list[Finding] = []
         num_frames = {}
@@ -149,6 +152,7 @@ class Doctor:
             )
         with findings.catch(folder):
             view = common_pinhole(scan.cameras, folder)
+            windows.check_plausible(str(folder), view)
             right = view.cx_px / view.width_px
             down = view.cy_px / view.height_px
             if max(abs(right - 0.5), abs(down - 0.5)) > self.max_off_centre_ratio:

@@ -95,17 +95,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         name = self.name
-        camera = self.intrinsics
-        ratios = np.divide([camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px))
-        # fields of view from 169 to half a degree
-        is_plausible = ratios.min() > 0.05 and ratios.max() < 100
-        is_plausible &= -0.5 <= camera.cx_px <= camera.width_px - 0.5
-        is_plausible &= -0.5 <= camera.cy_px <= camera.height_px - 0.5
-        if not is_plausible:
-            raise BadData(
-                f"{name}: {camera} has an implausible focal length or its principal point outside "
-                "the images: give the calibration in pixels of the stored images"
-            )
+        check_plausible(name, self.intrinsics)
         height_m = self.camera_height_m
         if height_m is not None and not 0 < height_m < 1e4:
             raise BadData(f"{name}: camera_height_m is {height_m}, expected 0 to 10000 m")
@@ -147,6 +137,20 @@ class SelectedFrames:
     def digest(self, index: int) -> bytes:
         """Return a hash of the content of a frame."""
         return self.frames.digest(int(self.numbers[index]))
+
+
+def check_plausible(name: str, camera: Intrinsics) -> None:
+    """Raise BadData for a principal point outside the images, or an extreme focal length."""
+    ratios = np.divide([camera.fx_px, camera.fy_px], max(camera.width_px, camera.height_px))
+    # fields of view from 169 to half a degree
+    is_plausible = ratios.min() > 0.05 and ratios.max() < 100
+    is_plausible &= -0.5 <= camera.cx_px <= camera.width_px - 0.5
+    is_plausible &= -0.5 <= camera.cy_px <= camera.height_px - 0.5
+    if not is_plausible:
+        raise BadData(
+            f"{name}: {camera} has an implausible focal length or its principal point outside "
+            "the images: give the calibration in pixels of the stored images"
+        )
 
 
 def frames_at_rate(

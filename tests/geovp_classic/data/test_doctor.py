@@ -119,6 +119,9 @@ def test_implausible_content_is_a_warning(kitti_root: Path, edit: Edit) -> None:
         kitti_root
     )
     assert Doctor().examine(kitti_root).is_sound
+    # beyond 64 pixels, no data set accepts the camera
+    edit(kitti_root / "sequences" / "01" / "calib.txt", 1, "P0: 50 0 70 0 0 50 11 0 0 0 1 0")
+    assert not Doctor().examine(kitti_root).is_sound
 
 
 @pytest.mark.parametrize(
@@ -163,10 +166,13 @@ def test_a_change_of_size_is_found_at_the_end(tmp_path: Path) -> None:
 
 
 def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
-    for name in ("kitti/sequences", "nerf/transforms.json"):
+    for name in ("kitti/sequences", "raw/2011_09_26", "nerf/transforms.json", "tum/seq/x"):
         (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "tum/seq/rgb.txt").touch()
     for name, message in (
-        ("kitti", "holds no sequence"),
+        ("kitti", r"like kitti but holds no sequence: unpack one .*guide/kitti\.md"),
+        ("raw", r"like kitti-raw but holds no sequence"),
+        ("tum/seq/x", r"x is a part of a data set \(tum\): give .*/seq$"),
         ("none", "does not exist"),
         ("nerf", r"transforms\.json is not read: .* give the COLMAP model"),
     ):
