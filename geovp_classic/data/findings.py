@@ -161,5 +161,7 @@ def parse_numbers(text: str, *counts: int) -> FloatArray:
             raise BadData(f"{word[:40]!r} is not a finite number")
     if len(numbers) not in counts:
         expected = " or ".join(map(str, counts))
-        raise BadData(f"{len(numbers)} numbers, expected {expected}")
+        has_decimal_commas = len(numbers) > max(counts) and "." not in text and "," in text
+        advice = ": write decimals with a point, not with a comma" if has_decimal_commas else ""
+        raise BadData(f"{len(numbers)} numbers, expected {expected}{advice}")
     return np.array(numbers, np.float64)

@@ -61,7 +61,7 @@ def is_bag(path: Path) -> bool:
     """Return whether a path is a bag by its name, or a folder that ROS 2 wrote."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
-    return path.suffix in (".bag", ".mcap", ".db3")
+    return path.suffix.lower() in (".bag", ".mcap", ".db3")
 
 
 class Bag:
@@ -245,8 +245,11 @@ def decode(name: Path, message: Any, bits: int | None = None) -> ByteArray:
     problem = f"{name} is not an image", "record the topic again"
     with files.checked(*problem):
         values = message.data.view("<>"[bool(message.is_bigendian)] + depth)
-        rows = values.reshape(num_rows, -1)  # may be padded
-        rows = rows[:, : message.width * num_values].astype(depth)
+        rows = values.reshape(num_rows, -1)
+        width = message.width * num_values
+        if rows.shape[1] >= 2 * width:  # rows may be padded
+            raise ValueError(f"rows have {rows.shape[1]} values, {message.encoding} has {width}")
+        rows = rows[:, :width].astype(depth)
         image = rows.reshape(num_rows, message.width, num_values)
     image = image_frames.to_8_bits(name, image, bits)
     with files.checked(*problem):

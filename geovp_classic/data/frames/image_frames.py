@@ -63,7 +63,7 @@ def decode(
         pixels = np.frombuffer(data, np.uint8)
         image = cv2.imdecode(pixels, flags | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
-            raise ValueError("its pixels are damaged")
+            raise ValueError("its pixels are damaged, or of a type that OpenCV does not read")
         return oriented(
             image,
             is_transposed=orientation >= 5,
@@ -260,6 +260,15 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
                 f"{folder} holds no image called {name_pattern}: give another name_pattern"
             )
     series = Counter(series_name(path.name) for path in paths)
+    if (
+        name_pattern is None
+        and any("*" in name for name in series)
+        and len(series) > max(8, len(paths) / 2)
+    ):
+        raise BadData(
+            f"{folder} holds {paths[0].name} to {paths[-1].name}, whose names have no common form: "
+            'number the images, or give name_pattern = "*" for this order'
+        )
     if equal := _equal_numbers(paths):
         names = ", ".join(f"{name} ({count} images)" for name, count in series.items())
         (main_series, _), *others = series.most_common()

@@ -71,8 +71,8 @@ class Videos(PosedSequences):
         missing = sorted(videos.keys() - self.facts.keys())
         if missing:
             raise BadData(
-                f"{self._camera_file} does not describe {', '.join(missing[:5])}: add a table with "
-                "fov_deg or intrinsics for each video"
+                f"{self._camera_file} does not describe {', '.join(missing[:5])}: add a table for "
+                f'each, such as ["{missing[0]}"], with fov_deg or intrinsics'
             )
         return videos
 
@@ -114,7 +114,7 @@ class Videos(PosedSequences):
         frames = VideoFrames(folder)
         name, facts = folder.stem, self.facts[folder.stem]
         width_px, height_px = frames.size_px
-        expected = "expected numbers as fps, fov_deg, camera_height_m, and intrinsics of four"
+        expected = "expected positive numbers, and four of them as intrinsics"
         with files.checked(f"{self._camera_file}: {name} has a wrong value", expected):
             # the camera, as four numbers or as the field of view of a pinhole in the middle
             if (intrinsics := facts.get("intrinsics")) is None:

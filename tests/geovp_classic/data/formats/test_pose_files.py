@@ -102,6 +102,7 @@ BAD_TUM = {
 BAD_KITTI = {
     "1 0 0 0 0 1 0 0 0 0 1": "11 numbers, expected 12",
     f"5 {IDENTITY}": "13 numbers, expected 12",
+    "1,0 0,0 0 0 0 1 0 0 0 0 1 0": "14 numbers, expected 12: write decimals with a point",
     "nan 0 0 0 0 1 0 0 0 0 1 0": "'nan' is not a finite number",
     "1 0 0 zero 0 1 0 0 0 0 1 0": "'zero' is not a finite number",
     "2 0 0 0 0 1 0 0 0 0 1 0": "a rotation matrix is off by 3",

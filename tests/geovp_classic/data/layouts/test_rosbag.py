@@ -200,6 +200,7 @@ def edited(**fields: Any) -> Edit:
         (edited(width=500), {}, "is not an image|about images of"),
         (edited(encoding="32FC3"), {}, "the encoding '32FC3', expected 8 or 16 bits of rgb, bgr"),
         (edited(step=1, data=np.zeros(7, np.uint8)), {}, "is not an image"),
+        (edited(encoding="mono8"), {}, "rows have 388 values, mono8 has 128"),  # 3 x 128, padded
         (without("/cam/image_raw"), {}, "has no messages of type Image or CompressedImage"),
         (
             without(),
