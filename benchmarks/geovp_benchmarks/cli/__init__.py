@@ -13,7 +13,8 @@ import re
 import signal
 import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from types import ModuleType
 from typing import Any, TextIO
@@ -117,7 +118,11 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
     parser = parser or command_line(rest[:1] if {*rest[:1]} & {*COMMANDS} else COMMANDS)
     parser.parse_args(rest, args)
     # Errors of the user are one sentence; SIGTERM ends a command like an interrupt.
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupt = interrupt_once()
+    for number, handler in handlers.items():
+        if handler != signal.SIG_IGN:  # as in the background of a shell
+            signal.signal(number, interrupt)
     with messages(args.quiet, args.verbose):
         try:
             return print_lines(args)
@@ -133,16 +138,39 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
         except KeyboardInterrupt:
             logger.error("interrupted: finished work is kept, rerun to continue")
+            if words is None:  # Python may end an interrupted process by the signal SIGINT
+                for stream in (sys.stdout, sys.stderr):
+                    flush_or_discard(stream)
+                os._exit(130)
             return 130
         except OSError as error:
             place = error.filename or "a file"
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
         finally:
-            signal.signal(signal.SIGTERM, previous)
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
             for stream in (sys.stdout, sys.stderr):
                 flush_or_discard(stream)
         return 2
+
+
+def interrupt_once(grace_s: float = 10.0) -> Callable[..., None]:
+    """Return a handler of signals that interrupts a command, which then stores what it has.
+
+    Further signals are ignored meanwhile; if that takes long, they end the process at once.
+    """
+    first_s = None
+
+    def handle(*_: object) -> None:
+        nonlocal first_s
+        if first_s is None:
+            first_s = time.monotonic()
+            raise KeyboardInterrupt
+        if time.monotonic() - first_s > grace_s:
+            os._exit(130)
+
+    return handle
 
 
 def print_lines(args: argparse.Namespace) -> int:
