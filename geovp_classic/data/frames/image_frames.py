@@ -11,7 +11,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -24,7 +24,7 @@ from PIL import ExifTags, Image
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, FloatArray
+from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 MAX_PIXELS = 2**25  # 8192 x 4096; 8K video has 7680 x 4320
 Array = npt.NDArray[Any]
@@ -351,6 +351,22 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts file names with numbers in them counted as numbers."""
     pieces = re.findall(r"\d+|\D", path.name)
     return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in pieces]
+
+
+def frame_numbers(paths: Sequence[Path]) -> IntArray:
+    """Return the numbers [N] of frames at a constant rate, some of which may be missing.
+
+    Each name must hold one number, but none of a clock; if the steps between them are not multiples
+    of the usual step, none is missing.
+    """
+    names = [re.findall(r"^\D*(\d{1,9})\D*$", path.stem) for path in paths]
+    if len(names) > 1 and all(names):
+        numbers = np.array(names, int)[:, 0]
+        steps = np.diff(numbers)
+        usual = int(np.median(steps))
+        if steps.min() > 0 and not (steps % usual).any():
+            return (numbers - numbers[0]) // usual
+    return np.arange(len(paths))
 
 
 def numbered_images(folder: Path, findings: Findings) -> tuple[Path, ...]:

@@ -166,11 +166,11 @@ class VideoFrames:
         """List the ticks of frames [N] and of key frames, in units of the time base.
 
         The first frame and the last group of pictures are decoded. Ticks are numbers, and all
-        frames are decoded, in a raw stream, which has no times, in AVI files and MPEG-4 packets of
-        several frames, which have those of decoding, where a packet of MPEG-4 may hold no frame,
-        and where times begin again, because several recordings were put together.
+        frames are decoded, in a raw stream, which has no times, in AVI files and in MPEG-4 with
+        packets of several frames or none, which have those of decoding, and where times begin
+        again, because several recordings were put together.
         """
-        has_packed = has_empty = False
+        is_irregular = False  # in MPEG-4
         whole: list[int] = []
         keys: list[int] = []
         order: list[int] = []
@@ -184,19 +184,19 @@ class VideoFrames:
             if not packet.size or packet.is_discard or packet.is_corrupt:
                 continue
             if self._decoder.name == "mpeg4":
-                has_packed |= bytes(packet).count(MPEG4_FRAME) > 1
-                has_empty |= packet.size < MAX_EMPTY_BYTES
+                count = bytes(packet).count(MPEG4_FRAME)
+                is_irregular |= count > 1 or packet.size < MAX_EMPTY_BYTES
             # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
             if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
                 whole.append(packet.pts)
         is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
         is_avi = self._container.format.name == "avi"
-        self._has_times = not (is_avi or has_packed)
+        self._has_times = not (is_avi or is_irregular)
         # In AVI, images that do not build on others serve, if the index is right
         index = [(entry.timestamp, entry.pos + 8) for entry in self._stream.index_entries]
         is_seekable = self._decoder.codec.intra_only and places == index
-        is_countable = has_packed or has_empty or (is_avi and not is_seekable)
-        self._is_counted = is_raw or None in whole or is_countable or order != sorted(order)
+        is_irregular |= is_avi and not is_seekable
+        self._is_counted = is_raw or None in whole or is_irregular or order != sorted(order)
         self._keys = [] if self._is_counted else sorted(keys)
 
         self._restart()

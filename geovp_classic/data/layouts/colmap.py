@@ -14,7 +14,12 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames.image_frames import images_below, natural_order, series_name
+from geovp_classic.data.frames.image_frames import (
+    frame_numbers,
+    images_below,
+    natural_order,
+    series_name,
+)
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.recordings.scans import Scan
 from geovp_classic.data.recordings.sequences import PosedSequences
@@ -73,13 +78,9 @@ class Colmap(PosedSequences):
         # masks may lie beside the images: COLMAP calls that of im1.jpg im1.jpg.png
         if registered:
             series = {*map(series_name, registered)}
-            count = len(names)
             names = [name for name in names if name in registered or series_name(name) in series]
-            if len(names) < count:
-                message = f"{count - len(names)} images are named unlike the model's: ignored"
-                findings.add(root, message, severity="note")
         images = tuple(root / name for name in names)
-        times_s = np.arange(len(images)) / self.frame_rate_hz
+        times_s = frame_numbers(images) / self.frame_rate_hz
         missing = sorted(registered.keys() - set(names))
         if missing:
             findings.add(

@@ -1,6 +1,5 @@
 """The data set that a folder holds, by what lies in it."""
 
-import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -36,41 +35,24 @@ def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, 
     Its settings are checked, but its files are not, which is for the doctor to do. BadData if the
     folder looks like no data set.
     """
-    if layout := _layout_of(root):
-        return layout, _unread(layout)(root, **(settings or {}))
+    for name, layout in LAYOUTS.items():
+        unread = type(layout.__name__, (layout,), {"_check_files": lambda _: None})
+        try:
+            unread(root).folders()
+        except BadData:
+            continue
+        return name, unread(root, **(settings or {}))
     if root.is_dir() and any(map(is_video, root.iterdir())):
         Videos(root)  # names what it lacks
     for path in (root, *root.glob("transforms*.json")):
         if path.suffix == ".json":
             raise BadData(f"{path} {JSON_ADVICE}")
-    part = root.absolute()
-    for parent in part.parents[:2]:
-        layout = _layout_of(parent)
-        if layout in (None, "videos", "folder"):
-            continue
-        for folder in _unread(layout)(parent).folders().values():
-            if folder.is_relative_to(part) or part.is_relative_to(folder):
-                raise BadData(f"{root} is a part of a data set ({layout}): give {parent}")
     raise BadData(
         f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
         "raw, Cityscapes, TUM RGB-D, EuRoC, a COLMAP model with its images, a ROS bag, a video, "
         "or a folder of images (png, jpg, webp, bmp, tif, ppm, jp2) or of videos with a file of "
         "cameras"
     )
-
-
-def _layout_of(root: Path) -> str | None:
-    """Return the name of the first layout that has sequences in a folder."""
-    for name in LAYOUTS:
-        with contextlib.suppress(BadData):
-            _unread(name)(root).folders()
-            return name
-    return None
-
-
-def _unread(layout: str) -> Any:
-    """Return a layout's class without the check of files."""
-    return type(layout, (LAYOUTS[layout],), {"_check_files": lambda _: None})
 
 
 def spec(root: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import pose_files
-from geovp_classic.data.frames.image_frames import image_files, image_series
+from geovp_classic.data.frames.image_frames import frame_numbers, image_files, image_series
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames
 from geovp_classic.data.recordings.scans import Scan, per_frame, sequence_folders
@@ -119,7 +119,7 @@ class Folder(SequenceDataset):
             path = self._file(folder, self.times)
             return per_frame(pose_files.read_times, path, images, findings)
         if reader is None:
-            return np.arange(len(images)) / (rate_hz or DEFAULT_RATE_HZ)
+            return frame_numbers(images) / (rate_hz or DEFAULT_RATE_HZ)
         if reader.times_s is None and rate_hz is None and self.intrinsics is None:  # the doctor's
             rate_hz = DEFAULT_RATE_HZ
             message = f"does not state its rate: {rate_hz:g} Hz are assumed here"

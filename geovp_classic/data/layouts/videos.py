@@ -72,7 +72,7 @@ class Videos(PosedSequences):
         if missing:
             raise BadData(
                 f"{self._camera_file} does not describe {', '.join(missing[:5])}: add a table for "
-                f'each, such as ["{missing[0]}"], with fov_deg or intrinsics'
+                'each, such as ["a name"], with fov_deg or intrinsics'
             )
         return videos
 

@@ -52,6 +52,10 @@ def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None
     assert clip.full.intrinsics == Intrinsics(*CAMERA, 64, 24)
     assert clip.trajectory is None
     assert clip.camera_height_m == 1.2
+    (images / "f10.png").unlink()
+    assert folder(images)[1].times_s[-1] == pytest.approx(0.7)
+    (images / "f7.png").unlink()
+    np.testing.assert_allclose(folder(images)[1].times_s, [0.4, 0.5, 0.7, 0.8])
 
 
 def test_a_video_has_its_own_rate(video: Path) -> None:

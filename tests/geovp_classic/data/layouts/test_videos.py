@@ -97,7 +97,10 @@ def test_the_doctor_and_the_detection_know_the_layout(root: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[fast]\nfov_deg = 90\n", r'not describe slow: add a table for each, such as \["slow"\]'),
+        (
+            "[fast]\nfov_deg = 90\n",
+            r'not describe slow: add a table for each, such as \["a name"\]',
+        ),
         (
             CAMERAS.replace("fps = 30", "fps = 10"),
             "has 30 frames per second, fps is 10: .* rate_hz = 10",
