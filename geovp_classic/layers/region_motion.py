@@ -10,7 +10,8 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MAX_STEPS = 10  # of an alignment
 MIN_STEP_PX = 0.02  # at the farthest frame; smaller ones end it
-HUBER_GREY = 10.0  # larger differences of a pixel count less
+NOISE_GREY = 10.0  # of a pixel; larger differences count less (Huber)
+FLOW_SIGMA = 1.0, 1.0, 0.1  # of the flow of a region: pixels, and growth, at the farthest frame
 
 
 class EarlierFrame(NamedTuple):
@@ -80,14 +81,19 @@ def aligned(
     """Align a region with all earlier frames at once (Lucas & Kanade 1981).
 
     Dense flow is smooth across the outline of a region. Its error of a fraction of a pixel would
-    grow with the time that is predicted.
+    grow with the time that is predicted. A region without texture keeps the given motion, which is
+    a prior.
     """
     rows, columns = np.nonzero(mask)
     box = tuple(slice(places.min(), places.max() + 1) for places in (rows, columns))
     pixels = pixels_of(last)[box]
+    far_s = earlier[-1].elapsed_s
+    prior = np.array([*motion.shift_px_s, motion.growth_per_s])
+    precision = (NOISE_GREY * far_s / np.array(FLOW_SIGMA)) ** 2
+    estimate = prior
     for _ in range(MAX_STEPS):
         # Gauss-Newton: how the difference of each pixel changes with shift and growth.
-        normal, right = np.zeros((3, 3)), np.zeros(3)
+        normal, right = np.diag(precision), precision * (prior - estimate)
         for frame in earlier:
             places = frame.moved_px(pixels, motion.at(pixels))
             is_used = mask[box] & frame.shows(places)
@@ -100,14 +106,13 @@ def aligned(
             along = (gradients * (pixels - motion.middle)[is_used]).sum(axis=1)
             jacobian = frame.elapsed_s * np.column_stack([gradients, along])
             difference = last[box][is_used].astype(np.float64) - warped[is_used]
-            weights = 1 / np.maximum(1, np.abs(difference) / HUBER_GREY)
+            weights = 1 / np.maximum(1, np.abs(difference) / NOISE_GREY)
             normal += (jacobian.T * weights) @ jacobian
             right += (jacobian.T * weights) @ difference
-        step, *_ = np.linalg.lstsq(normal, right, rcond=1e-9)
-        motion = RegionMotion(
-            motion.middle, motion.shift_px_s + step[:2], float(motion.growth_per_s + step[2])
-        )
-        if np.abs(step[:2]).max() * earlier[-1].elapsed_s < MIN_STEP_PX:
+        step = np.linalg.solve(normal, right)
+        estimate = estimate + step
+        motion = RegionMotion(motion.middle, estimate[:2], float(estimate[2]))
+        if np.abs(step[:2]).max() * far_s < MIN_STEP_PX:
             break
     return motion
 

@@ -32,6 +32,22 @@ def test_half_of_the_pixels_must_agree(share: float, is_found: bool) -> None:
         assert found.growth_per_s == pytest.approx(0.1, abs=1e-3)
 
 
+def test_a_region_without_texture_keeps_the_given_motion() -> None:
+    """The grain of the frames must not make it grow or move."""
+    grain = np.random.default_rng(2).normal(128, 1.5, (4, *MASK.shape)).round().astype(np.uint8)
+    in_front, at_rest = np.ones(MASK.shape, bool), pixels_of(MASK)
+    earlier = [
+        EarlierFrame(image, elapsed_s, np.eye(3), at_rest, in_front)
+        for image, elapsed_s in zip(grain[1:], (0.1, 0.3, 0.6), strict=True)
+    ]
+    corner = np.zeros_like(MASK)
+    corner[40:47, 40:47] = True
+    given = RegionMotion(np.array([43.0, 43.0]), np.array([2.0, 1.0]), 0.05)
+    found = aligned(given, corner, grain[0], earlier)
+    np.testing.assert_allclose(0.6 * found.shift_px_s, 0.6 * given.shift_px_s, atol=0.3)
+    assert 0.6 * found.growth_per_s == pytest.approx(0.03, abs=0.05)
+
+
 def test_an_alignment_finds_shift_and_growth_to_a_hundredth_of_a_pixel() -> None:
     noise = np.random.default_rng(1).normal(0, 1, MASK.shape).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
