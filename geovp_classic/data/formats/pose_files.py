@@ -87,6 +87,7 @@ def read_trajectory(
     if has_times(path):
         times, world_from_cam = read_tum(path)
         times_s = in_seconds(times)
+        RAISE.check_steps(path, times_s)
     else:
         world_from_cam = read_kitti(path)
     if times_s is None:

@@ -103,7 +103,6 @@ class Folder(SequenceDataset):
             poses = trajectory.world_from_cam
             if self.frame_rate_hz is None and self.times is None:
                 times_s = trajectory.times_s
-                findings.check_steps(path, times_s)
         cameras: tuple[DistortedCamera, ...] = ()
         if self.intrinsics is not None:
             size_px = reader.size_px if reader else self._load(images[0]).shape[1::-1]
