@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,22 @@ class TestDryRun:
         text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
+
+    def test_shared_steps_count_once_and_a_single_clip_is_a_bound(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
+        """Two renderers of one pose source: 60 s for both together, then 30 and 45 s."""
+        words = run(tmp_path, "--set", "renderers.other=toy-slide", "--methods")
+        words += ["steady + slide", "steady + other"]
+        printed(*words, "--limit", "1")
+        results = Results(tmp_path / "out")
+        for method, view_s in zip(results.methods(), (30.0, 45.0), strict=True):
+            record = method.scored["road/000"]
+            seconds = {"motion": 60.0, "view": view_s}
+            scored = results.scores(method.name), replace(record, seconds=seconds)
+            results.write_scores([scored])
+        text = printed(*words, "--dry-run")
+        assert "time: at most about 9.0 min with 1 process" in text  # 4 clips x 135 s
 
 
 @pytest.mark.usefixtures("toys")

@@ -7,21 +7,26 @@ from geovp_benchmarks.tables.formats import grid
 def dry_run(plan: Plan, workers: int) -> list[str]:
     """Return lines that state what is to be computed of the shard; nothing is written.
 
-    Times are those of stored scores, and unknown for methods without any.
+    Times are those of stored scores, and unknown for methods without any. Steps that methods share
+    count once. A single stored clip gives an upper bound, since it includes loading and compiling.
     """
     lines = [["method", "to do", "stored", "s per clip"]]
     of_shard = set(plan.own_clips)
     num_missing = num_unknown = 0  # predictions; of the latter the time is unknown
-    total_s = 0.0
+    steps: dict[tuple[str, float], int] = {}  # clips by stage and s per clip, equal if shared
+    bound = ""
     for method in plan.methods:
         num_clips = len(plan.missing(method) & of_shard)
         num_missing += num_clips
         scored = plan.results.scored(method.name, method.fingerprint, plan.digests)
         note = method.reason or "unknown"
-        if scored.seconds:
-            per_clip_s = sum(scored.seconds.values()) / len(scored)
-            note = f"{per_clip_s:.2f}"
-            total_s += num_clips * per_clip_s
+        if seconds := scored.seconds:
+            note = f"{sum(seconds.values()) / len(scored):.2f}"
+            for stage, time_s in seconds.items():
+                step = stage, time_s / len(scored)
+                steps[step] = max(num_clips, steps.get(step, 0))
+            if num_clips and len(scored) == 1:
+                bound = "at most "
         else:
             num_unknown += num_clips
         lines.append([method.label, str(num_clips), str(len(of_shard) - num_clips), note])
@@ -31,7 +36,8 @@ def dry_run(plan: Plan, workers: int) -> list[str]:
     elif num_unknown == num_missing:
         time = "unknown"
     else:
-        time = f"about {max(total_s / workers / 60, 0.1):.1f} min with {workers} "
+        total_s = sum(num_clips * per_clip_s for (_, per_clip_s), num_clips in steps.items())
+        time = f"{bound}about {max(total_s / workers / 60, 0.1):.1f} min with {workers} "
         time += "process" if workers == 1 else "processes"
         if num_unknown:
             time += f", and unknown for {num_unknown} predictions"
