@@ -228,16 +228,6 @@ def test_what_breaks_in_the_middle_leaves_nothing(
     assert not any(tmp_path.iterdir())
 
 
-def test_a_camera_by_its_angle(images: Path, tmp_path: Path, command: Command) -> None:
-    words = ["--fov", "90", "--fps", "10", "--size", "64", "--past", "4", "--future", "1"]
-    ended = command("predict", images, *words, "--out", tmp_path / "out")
-    assert ended.code == 0
-    # tan 45 degrees = 1: half the width of 128
-    assert "(field of view): focal length 64.0 px" in ended.err
-    with pytest.raises(SystemExit, match="2"):
-        command("predict", images, "--fov", "180")
-
-
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
     found = predicted(images, 4, intrinsics=None)
     assert found.camera.source == "assumed"

@@ -89,6 +89,8 @@ def test_missing_files_are_found(kitti_root: Path) -> None:
     (folder / "calib.txt").unlink()
     (folder / "times.txt").unlink()
     (folder / "image_0" / "000006.png").unlink()
+    for name in ("000002.jpg", "readme.txt"):
+        (folder / "image_0" / name).touch()
     (kitti_root / "poses" / "01.txt").rename(kitti_root / "poses" / "07.txt")
     (kitti_root / "sequences" / "02").mkdir()
     assert has(
@@ -96,6 +98,9 @@ def test_missing_files_are_found(kitti_root: Path) -> None:
         "error sequences/01/calib.txt: does not exist",
         "error sequences/01/times.txt: does not exist",
         "error sequences/01/image_0: lacks frame 000006",
+        "error sequences/01/image_0/000002.png: has the same number as 000002.jpg",
+        "error sequences/01/image_0/000002.jpg: cannot be decoded as an image",
+        "note sequences/01/image_0/readme.txt: is not a numbered image",
         "error sequences/02/image_2: holds no images",
         "error sequences/02/times.txt: does not exist",
     )

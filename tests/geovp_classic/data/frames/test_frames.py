@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image, ImageOps
 
-from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames.image_frames import (
     FrameFiles,
     image_size,
-    numbered_images,
     read_depth,
     read_image,
 )
@@ -106,20 +104,6 @@ def test_other_content_may_follow_an_image(tmp_path: Path) -> None:
             file.write(b"film" * 10_000)
         assert read_image(tmp_path / name).shape == (37, 53, 3)
         assert image_size(tmp_path / name) == (53, 37)
-
-
-def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
-    for name in ("000001.png", "000002.png", "000002.jpg", "000006.png", "readme.txt"):
-        (tmp_path / name).touch()
-    findings = Findings()
-    paths = numbered_images(tmp_path, findings)
-    assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
-    assert [(finding.severity, finding.path.name) for finding in findings] == [
-        ("error", "000002.png"),
-        ("note", "readme.txt"),
-        ("error", tmp_path.name),
-    ]
-    assert "lacks frame 000000" in findings[-1].message
 
 
 def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:

@@ -155,9 +155,8 @@ def test_slow_motion_has_the_times_of_recording(tmp_path: Path) -> None:
 def test_pixels_of_an_extreme_aspect_are_refused(tmp_path: Path) -> None:
     """Of 64x48 pixels, shown as 3,840,000x48."""
     path = write_video(tmp_path / "a.mp4", grey_levels(3), aspect=Fraction(4, 3))
-    content = path.read_bytes()
     wide = b"pasp" + struct.pack(">II", 60000, 1)
-    path.write_bytes(content.replace(b"pasp" + struct.pack(">II", 4, 3), wide))
+    path.write_bytes(path.read_bytes().replace(b"pasp" + struct.pack(">II", 4, 3), wide))
     with pytest.raises(BadData, match="64x48 pixels of aspect 60000"):
         VideoFrames(path)
 

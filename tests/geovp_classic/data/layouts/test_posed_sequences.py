@@ -18,7 +18,6 @@ from geovp_classic.data.layouts import detection
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
 from geovp_classic.data.layouts.tum import Tum
-from geovp_classic.data.recordings import scans
 from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.odometry.recorded_odometry import RecordedOdometry
@@ -259,12 +258,3 @@ def test_separators_of_text_files_are_alike(
     scan = Tum(tmp_path, **CUT, intrinsics=numbers_of(street)).scan(folder, RAISE)
     assert len(scan.posed) == len(scan.depths) == 12
     assert pose_files.has_times(folder / "groundtruth.txt")
-
-
-@pytest.mark.parametrize(
-    ("others_s", "numbers"),
-    [([], [-1, -1, -1]), ([1.05], [0, -1, 0]), ([0.95, 1.04, 1.2], [1, -1, 2])],
-)
-def test_nearest_times_within_a_difference(others_s: list[float], numbers: list[int]) -> None:
-    times_s = np.array([1.0, 1.35, 1.13])
-    assert scans.nearest(times_s, np.array(others_s), 0.1).tolist() == numbers
