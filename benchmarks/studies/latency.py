@@ -105,7 +105,7 @@ def gains(
         for reference in ("late image", "late image, shifted", "flow extrapolation"):
             gain = (values["live, forecast"] - values[reference])[:, column]
             means = [Intervals().interval(gain[:, step], names) for step in steps]
-            entries = [f"{mean.mean:+.2f} [{mean.low:.2f}, {mean.high:.2f}]" for mean in means]
+            entries = [f"{mean.mean:+z.2f} [{mean.low:z.2f}, {mean.high:z.2f}]" for mean in means]
             rows.append([f"{metric}: over {reference}", *entries])
     yield from grid(rows)
 

@@ -1,5 +1,6 @@
 """Which rows of a table are bold, and how rows are compared with one of them."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,19 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert row_of(text, "good")[2].startswith("+1.0")
     assert "*" in row_of(text, "good")[2]
     assert "*" not in row_of(text, "same")[2]
+
+
+def test_notes_explain_what_a_table_has_and_zero_has_no_minus_sign(tmp_path: Path) -> None:
+    """Two clips have neither intervals nor bold numbers; -0.004 dB is +0.00 in a table."""
+    results = Results(tmp_path)
+    write_protocol(results, ["base", "same"], "xy", metrics=METRICS)
+    for name, psnr in (("base", 20.0), ("same", 19.996)):
+        write(results, name, {(clip, 0, "psnr"): psnr for clip in "xy"})
+    text = formats.markdown(tables.build(results)[0])
+    assert "A clip's value is the mean over its steps." in text
+    assert not re.search(r"^- (\[low|.*±|Bold)", text, re.MULTILINE)
+    differences = formats.markdown(tables.against(results, "base", "standard-error"))
+    assert row_of(differences.splitlines(), "same")[2] == "+0.00 ± 0.00"
 
 
 def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> None:

@@ -1,7 +1,7 @@
 """Error budget of a method: changes of its scores with stages from ground truth."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from geovp_benchmarks.error_budget.oracles import STAGES, OracleClip, Oracles, w
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.running.scoring import Metrics
 from geovp_benchmarks.statistics.intervals import Intervals
+from geovp_benchmarks.tables.notes import on_numbers
 from geovp_benchmarks.tables.table_model import Column, Row, Table
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
@@ -119,8 +120,6 @@ def error_budget(method: MeasuredMethod) -> list[Table]:
         *(f"{stage} is not measured: it needs {needed}" for stage, needed in missing.items()),
         *reasons,
         *method.unavailable,
-        "[low, high]: 95 % interval of the mean over clips, by Student's t over drives if there "
-        "are eight or more, else by block bootstrap over the clips of these drives",
     ]
     title = (
         f"{method.label}: {len(names)} clips of {method.dataset.name}, every "
@@ -142,5 +141,6 @@ def error_budget(method: MeasuredMethod) -> list[Table]:
             f"{title}: change of {name.upper()} ({metric.unit or 1}), forecast "
             f"{forecast:.{decimals}f}, truth {truth:.{decimals}f}"
         )
-        tables.append(Table(name, heading, columns, rows, notes, has_differences=True))
+        table = Table(name, heading, columns, rows, has_differences=True)
+        tables.append(replace(table, notes=[*notes, *on_numbers(table)]))
     return tables

@@ -93,9 +93,9 @@ def _paired_differences(*sides: Results) -> Iterator[str]:
     for key in (key for key in scores if key in scores_b and "@" not in key):
         gaps = scores[key].values[rows] - scores_b[key].values[rows_b]
         gap = Intervals().interval(gaps, common)
-        interval = f" [{gap.low:+.4g}, {gap.high:+.4g}]" if math.isfinite(gap.low) else ""
+        interval = f" [{gap.low:+z.4g}, {gap.high:+z.4g}]" if math.isfinite(gap.low) else ""
         yield (
             f"{title(key)}: A {scores[key].mean:.4f} on {scores[key].clips} clips, "
             f"B {scores_b[key].mean:.4f} on {scores_b[key].clips}; A - B on the {gap.clips} common "
-            f"clips: {gap.mean:+.4g}{interval}."
+            f"clips: {gap.mean:+z.4g}{interval}."
         )

@@ -16,7 +16,7 @@ def notes_of(
     protocol, methods = results.protocol(), results.methods()
     notes = [
         f"{stored_facts.summary(protocol)}.",
-        *_on_numbers(table),
+        *on_numbers(table),
         *_on_metrics(table, protocol),
         *more,
     ]
@@ -39,22 +39,25 @@ def notes_of(
     return "\n".join(notes).splitlines()  # reasons of failures may have several lines
 
 
-def _on_numbers(table: Table) -> Iterator[str]:
-    """Yield what intervals, numbers of clips and bold numbers mean."""
+def on_numbers(table: Table) -> Iterator[str]:
+    """Yield what intervals, numbers of clips and bold numbers mean, where a table has them."""
+    shown = "".join(table.texts(row, column)[1] for row in table.rows for column in table.columns)
     of_clip = "A clip's value is the mean over its steps."
-    if table.spread == "standard-error":
+    if "±" in shown:
         errors = "standard error of the mean over clips, as if they were independent"
         yield f"±: {errors}. {of_clip}"
-    else:
+    elif "[" in shown:
         mean = "the mean paired difference" if table.has_differences else "the mean over clips"
         way = "by block bootstrap over clips: of these drives, not of others"
         if table.is_over_drives:
             way = "by Student's t over the means of the drives"
         yield f"[low, high]: 95 % interval of {mean}, {way}. {of_clip}"
+    else:
+        yield of_clip
     if any("(" in table.clips(row) for row in table.rows):
         counted = "drives" if table.is_over_drives else "independent clips"
         yield f"(n) behind the clips: the effective number of {counted} in the first column."
-    if not table.has_differences:
+    if table.marked and not table.has_differences:
         yield (
             "Bold: no method with the same or fewer privileged inputs is significantly better "
             "(paired differences over common clips, p < .05 after Holm's procedure). With fewer "

@@ -63,12 +63,13 @@ class Table:
         score, digits = row.scores.get(column.key), column.decimals
         if score is None or np.isnan(score.mean):
             return column.missing, ""
-        mean = f"{score.mean:{'+' if self.has_differences else ''}.{digits}f}"
+        # "z" prints a negative number that is rounded to zero without its sign.
+        mean = f"{score.mean:{'+' if self.has_differences else ''}z.{digits}f}"
         if (row.label, column.key) in self.marked:
             mean = ("{}*" if self.has_differences else bold).format(mean)
         error = ""
         if self.spread == "interval" and np.isfinite(score.low):
-            error = f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
+            error = f" [{score.low:z.{digits}f}, {score.high:z.{digits}f}]"
         if self.spread == "standard-error" and np.isfinite(score.standard_error):
             error = f" ± {score.standard_error:.{digits}f}"
         return mean, error if score.clips == row.num_clips else f"{error} (n={score.clips})"

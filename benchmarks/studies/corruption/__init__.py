@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> Iterator[str]:
     yield f"{num_below} of {values.size} values below -0.5 dB, minimum {np.nanmin(values):.1f} dB"
     yield ""
     lines = [
-        [f"{name} {severity + 1}", *(f"{value:.1f}" for value in row)]
+        [f"{name} {severity + 1}", *(f"{value:z.1f}" for value in row)]
         for (name, severity), row in zip(tasks, values, strict=True)
     ]
     yield from grid([["corruption, severity", *compared], *lines])
