@@ -182,8 +182,3 @@ def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
         root = tmp_path / name
         with pytest.raises(BadData, match=message):
             Doctor().examine(root)
-
-
-def test_settings_of_a_data_set_are_checked(kitti_root: Path) -> None:
-    with pytest.raises(BadData, match="frame_step is 0"):
-        Doctor().examine(kitti_root, {"frame_step": 0})

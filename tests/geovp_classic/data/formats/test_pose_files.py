@@ -74,8 +74,6 @@ def test_thirteen_numbers_start_with_the_frame_index(tmp_path: Path) -> None:
     path.write_text(f"0 {IDENTITY}\n\n# lost\n1 {IDENTITY}  # found again\n")
     assert pose_files.read_kitti(path).shape == (2, 4, 4)
     assert pose_files.read_trajectory(path, np.arange(2) / 10).times_s.tolist() == [0, 0.1]
-    with pytest.raises(BadData, match="2 poses for 3 frames, expected one each"):
-        pose_files.read_trajectory(path, np.arange(3) / 10)
     for index in ("-1", "1.5", "0", "2"):
         path.write_text(f"0 {IDENTITY}\n{index} {IDENTITY}\n")
         with pytest.raises(BadData, match=f"line 2: frame index {index}, expected 1"):
@@ -147,9 +145,6 @@ def test_the_format_is_that_of_the_first_line(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(f"{IDENTITY}\n")
     with pytest.raises(BadData, match="KITTI's format, which has no times"):
-        pose_files.read_trajectory(path)
-    path.write_text("# x y z\n1 2 3\n")
-    with pytest.raises(BadData, match="line 2: 3 numbers, expected 12"):
         pose_files.read_trajectory(path)
 
 

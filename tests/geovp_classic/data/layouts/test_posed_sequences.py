@@ -2,7 +2,7 @@
 
 import pickle
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,7 +204,6 @@ def test_the_doctor_lists_all_errors(
     folder = write_tum(tmp_path, "hall", street)
     edit(folder / "rgb.txt", 4, "100.1 rgb/2.png")
     edit(folder / "rgb.txt", 6, "100.4 rgb/44.png")
-    edit(folder / "groundtruth.txt", 3, "100.204 0 0 0 0 0 0 2")
     cv2.imwrite(str(folder / "rgb" / "9.png"), np.full((20, 30), 3000, np.uint16))
     cv2.imwrite(str(folder / "depth" / "7.png"), np.zeros((20, 30), np.uint16))
     settings = {"intrinsics": numbers_of(street)}
@@ -213,7 +212,6 @@ def test_the_doctor_lists_all_errors(
         "depth/7.png: is 30x20 pixels, expected",
         "rgb.txt line 4: 100.1 is not after 100.1 before it",
         "rgb.txt line 6: there is no file 'rgb/44.png'",
-        "groundtruth.txt line 3: the quaternion has length 2, expected 1",
         "rgb/9.png: holds uint16 values, expected 8 bits a channel",
     ):
         assert message in report
@@ -235,12 +233,11 @@ def test_damaged_files_of_euroc_are_named(
             Euroc(tmp_path, **CUT)
 
 
-@pytest.mark.parametrize("lost", [(*range(6), *range(7, 12)), range(1, 12, 2)])
 def test_poses_without_two_images_in_a_row_are_an_error(
-    lost: Sequence[int], tmp_path: Path, write_colmap: Write, street: Clip
+    tmp_path: Path, write_colmap: Write, street: Clip
 ) -> None:
-    """One image has a pose, or each second one: no clip can be cut."""
-    write_colmap(tmp_path, "a", street, lost=list(lost))
+    """Each second image has a pose: no clip can be cut."""
+    write_colmap(tmp_path, "a", street, lost=range(1, 12, 2))
     findings = Doctor().examine(tmp_path).findings
     (error,) = [each.message for each in findings if each.severity == "error"]
     assert error.startswith("has no two images in a row with poses")

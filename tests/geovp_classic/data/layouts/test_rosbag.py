@@ -221,20 +221,18 @@ def test_bad_input_gives_one_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_several_topics_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_topics_are_listed(tmp_path: Path) -> None:
     made = Messages(is_ros1=False)
     messages = bag_files.messages_of(made, SHORT)
     messages += [(topic.replace("/cam/", "/rear/"), *more) for topic, *more in messages]
     path = bag_files.write_messages(tmp_path / "run", made, messages)
-    sentence = "has 2 image topics: give {}, one of /cam/image_raw, /rear/image_raw"
-    with pytest.raises(BadData, match=sentence.format("image_topic")):
+    sentence = "has 2 image topics: give image_topic, one of /cam/image_raw, /rear/image_raw"
+    with pytest.raises(BadData, match=sentence):
         RosBag(path, **CUT)
     assert_is(RosBag(path, **CUT, image_topic="/rear/image_raw")[0], SHORT, 0)
     examined = Doctor().examine(path, deep=True)
     assert examined.is_sound
     assert examined.rows[0]["frames"] == "/cam/image_raw: 5, /rear/image_raw: 5"
-    assert cli.main(["predict", str(path)]) == 2
-    assert sentence.format("--topic") in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -316,5 +314,3 @@ def test_commands_read_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     args = ["--past", "6", "--future", "3", "--first", "0", "--out", str(tmp_path / "predicted")]
     assert cli.main(["predict", str(path), *args]) == 0
     assert "camera (CameraInfo): focal length 150.0 px" in capsys.readouterr().err
-    assert cli.main(["predict", str(path), "--fps", "5"]) == 2
-    assert "leave out --fps" in capsys.readouterr().err
