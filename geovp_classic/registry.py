@@ -17,12 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, Union
 
 from geovp_classic import interfaces
-from geovp_classic.errors import (
-    BadData,
-    GeovpError,
-    MissingExtra,
-    UnknownComponent,
-)
+from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
 from geovp_classic.errors import install_command as install_command
 from geovp_classic.errors import nearest as nearest
 

@@ -50,8 +50,12 @@ class WindowCorrelation:
         infinity_from_pixel: FloatArray,
         epipoles: FloatArray,  # [S, 3]; K t is added per unit of inverse depth
         inverse_depths: FloatArray,  # [N], of the planes
-    ) -> CostArray:
-        """Return the costs [H, W, N], averaged over the sources that see a point."""
+    ) -> tuple[CostArray, BoolArray]:
+        """Return the costs [H, W, N], averaged over the sources that see a point.
+
+        The second array [H, W] states whether a source sees a pixel on the farthest or the nearest
+        plane. Points between these are seen where those are.
+        """
         height, width = reference.shape
         num_planes = len(inverse_depths)
         # The homography of a plane that faces the camera is K R inv(K) + q K t (0, 0, 1) (Hartley &
@@ -62,8 +66,11 @@ class WindowCorrelation:
         homographies[..., 2] += inverse_depths[:, None, None] * epipoles
         windows = self._windows(reference)
         images = _neighbourhoods(sources)
-        near_costs = self._near_costs(num_planes)
-        unseen_costs = self._unseen_costs(windows[2])
+        # Small costs that prefer far planes, and the costs of points that no source sees
+        max_cost = 255 - self.max_near_cost
+        near_costs = (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
+        texture = np.maximum(1 - self.noise_variance * windows[2] ** 2, 0)
+        unseen_costs = (max_cost * (1 - self.unseen_correlation * texture)).astype(np.uint8)
         costs = np.empty((height, width, num_planes), np.uint8)
 
         def match(first: int) -> None:
@@ -75,15 +82,13 @@ class WindowCorrelation:
             from_band[..., 2] += top * from_band[..., 1]
             planes = np.empty((num_planes, *rows.shape[:2]), np.uint8)
             _match_band(
-                windows[0, top : last + RADIUS_PX],
-                windows[1, first:last],
-                windows[2, first:last],
+                np.ascontiguousarray(windows[:, top : last + RADIUS_PX]),
                 images,
                 from_band.astype(np.float32),
                 is_short,
                 self.short_stride,
                 np.float32(self.noise_variance),
-                np.float32(255 - self.max_near_cost),
+                np.float32(max_cost),
                 unseen_costs[first:last],
                 near_costs,
                 first - top,
@@ -93,34 +98,11 @@ class WindowCorrelation:
             cv2.transpose(planes.reshape(num_planes, -1), rows.reshape(-1, num_planes))
 
         parallel_map(match, range(0, height, ROWS_PER_TASK))
-        return costs
 
-    def is_seen(
-        self,
-        costs: CostArray,  # [H, W, N]
-        reference: ByteArray,  # [H, W] grey
-    ) -> BoolArray:
-        """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
-        # Points between the outermost planes are seen where those are; `_write_mean_costs` writes
-        # the costs of unseen ones elsewhere.
-        unseen_costs = self._unseen_costs(self._windows(reference)[2])
-        near_costs = self._near_costs(costs.shape[-1])
+        # `_write_mean_costs` writes these costs where no source sees the outermost planes
         outermost = [0, -1]
         unseen = unseen_costs[..., None] + near_costs[outermost]
-        return np.asarray((costs[..., outermost] != unseen).any(axis=-1))
-
-    def _unseen_costs(
-        self,
-        inverse_deviation: FloatArray,  # [H, W], of windows of the reference, with their noise
-    ) -> CostArray:
-        """Return the costs [H, W] of points that no source sees."""
-        texture = np.maximum(1 - self.noise_variance * inverse_deviation**2, 0)
-        costs = (255 - self.max_near_cost) * (1 - self.unseen_correlation * texture)
-        return np.asarray(costs.astype(np.uint8))
-
-    def _near_costs(self, num_planes: int) -> CostArray:
-        """Return the extra costs [N] of the planes."""
-        return (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
+        return costs, (costs[..., outermost] != unseen).any(axis=-1)
 
     def _windows(self, reference: ByteArray) -> FloatArray:
         """Return grey values, window means and inverse standard deviations [3, H, W]."""
@@ -151,9 +133,8 @@ def _neighbourhoods(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _match_band(
-    reference: FloatArray,  # [B, W], rows that stay in the processor's cache
-    window_mean: FloatArray,  # [R, W], of the reference
-    inverse_deviation: FloatArray,  # [R, W], of the reference
+    # [3, B, W], of the reference: rows that stay in the processor's cache; see `_windows`
+    windows: FloatArray,
     images: PackedArray,  # [S, H, W], the sources
     source_from_band: FloatArray,  # [N, S, 3, 3]
     is_short: BoolArray,  # [S]
@@ -172,7 +153,7 @@ def _match_band(
     """
     num_planes, num_rows, width = costs.shape
     shape = (2, num_rows, width)
-    scorer = (reference, window_mean, inverse_deviation, images, noise_variance, first)
+    scorer = (windows, images, noise_variance, first)
     after = np.zeros(shape, np.float32)
     _add_plane(scorer, source_from_band[0], is_short, after)
     for block in range(0, num_planes, short_stride):
@@ -199,28 +180,19 @@ def _match_band(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _add_plane(
-    # As in `_match_band`: reference, window_mean, inverse_deviation, images, noise_variance, first
-    scorer: tuple[FloatArray, FloatArray, FloatArray, PackedArray, np.float32, int],
+    # As in `_match_band`: windows, images, noise_variance, first
+    scorer: tuple[FloatArray, PackedArray, np.float32, int],
     source_from_band: FloatArray,  # [S, 3, 3], of the plane
     is_compared: BoolArray,  # [S]
     scores: FloatArray,  # [2, R, W], added to
 ) -> None:
     """Add the scores of some sources at one plane."""
-    reference, window_mean, inverse_deviation, images, noise_variance, first = scorer
-    warped = np.empty(reference.shape, np.float32)
-    is_seen = np.empty(reference.shape, np.float32)
+    windows, images, noise_variance, first = scorer
+    warped = np.empty(windows.shape[1:], np.float32)
+    is_seen = np.empty(windows.shape[1:], np.float32)
     for s in np.flatnonzero(is_compared):
         _warp(images[s], source_from_band[s], warped, is_seen)
-        _add_scores(
-            reference,
-            window_mean,
-            inverse_deviation,
-            warped,
-            is_seen,
-            noise_variance,
-            first,
-            scores,
-        )
+        _add_scores(windows, warped, is_seen, noise_variance, first, scores)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -310,9 +282,7 @@ def _write_mean_costs(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _add_scores(
-    reference: FloatArray,  # [B, W]
-    window_mean: FloatArray,  # [R, W]
-    inverse_deviation: FloatArray,  # [R, W]
+    windows: FloatArray,  # [3, B, W], of the reference
     warped: FloatArray,  # [B, W], source image
     is_seen: FloatArray,  # [B, W], 1 where the source sees a pixel, else 0
     noise_variance: np.float32,
@@ -320,6 +290,7 @@ def _add_scores(
     scores: FloatArray,  # [2, R, W], added to
 ) -> None:
     """Add one minus the ZNCC where the source sees a pixel, and 1 to the count there."""
+    reference, window_mean, inverse_deviation = windows[0], windows[1], windows[2]
     _, num_rows, width = scores.shape
     zero = np.float32(0)
     unit = np.float32(1)
@@ -346,8 +317,8 @@ def _add_scores(
             mean_square = _window_sum(squares, x) / num_pixels
             mean_product = _window_sum(products, x) / num_pixels
             variance = max(mean_square - mean * mean, zero) + noise_variance
-            covariance = mean_product - mean * window_mean[row, x]
-            correlation = covariance * inverse_deviation[row, x] / np.sqrt(variance)
+            covariance = mean_product - mean * window_mean[middle, x]
+            correlation = covariance * inverse_deviation[middle, x] / np.sqrt(variance)
             weight = is_seen[middle, x]
             scores[0, row, x] += weight * min(max(unit - correlation, zero), unit)
             scores[1, row, x] += weight

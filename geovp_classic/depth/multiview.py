@@ -99,8 +99,7 @@ class Multiview:
             if depth_map is not None:
                 inverse_depths[step] = _enlarged(depth_map[0], context.intrinsics)
                 confidence[step] = _enlarged(depth_map[1], context.intrinsics)
-        if observations.mask is not None:
-            confidence[:, observations.mask] = 0  # no part of the scene
+        confidence[:, observations.mask] = 0  # no part of the scene
         return inverse_depths, confidence
 
     def _bounded(self, observations: Observations) -> tuple[ByteArray, Intrinsics]:
@@ -134,7 +133,7 @@ class Multiview:
         epipoles = source_from_reference[:, :3, 3] @ intrinsics.T
 
         # The plane of each pixel.
-        costs = self.matching.costs(image, sources, infinity_from_pixel, epipoles, planes)
+        costs, is_seen = self.matching.costs(image, sources, infinity_from_pixel, epipoles, planes)
         sums = self.aggregation.aggregate(costs, image)
         rough_levels, lead, lead_over_infinity = self.aggregation.winners(sums)
         levels = np.asarray(cv2.medianBlur(rough_levels, self.median_px))
@@ -144,8 +143,7 @@ class Multiview:
 
         # Islands of wrong matches are filled, and confidence is 0 there.
         is_wrong = find_islands(levels, self.max_speckle_fraction, self.max_speckle_step)
-        is_certain = ~is_wrong & self.matching.is_seen(costs, image)
-        confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
+        confidence = (~is_wrong & is_seen) * np.clip(lead / self.confident_lead, 0, 1)
         inverse_depth = fill_from_background(inverse_depth, ~is_wrong)
 
         # Clouds have arbitrary depths. Sky is what infinity explains about as well, up to the
@@ -160,5 +158,5 @@ def _enlarged(depth_map: FloatArray, camera: Intrinsics) -> FloatArray:
 
     Interpolation would put pixels between two surfaces.
     """
-    size_px = (camera.width_px, camera.height_px)
-    return np.asarray(cv2.resize(depth_map, size_px, interpolation=cv2.INTER_NEAREST_EXACT))
+    nearest = cv2.INTER_NEAREST_EXACT
+    return np.asarray(cv2.resize(depth_map, camera.size_px, interpolation=nearest))

@@ -10,21 +10,10 @@ import numpy as np
 from geovp_classic import files
 from geovp_classic.data.formats import sequence_paths
 from geovp_classic.data.frames.image_frames import decode
-from geovp_classic.depth.relative_depth import (
-    DepthAlignment,
-    DepthValues,
-    inverse_of,
-    metric,
-)
+from geovp_classic.depth.relative_depth import DepthAlignment, DepthValues, inverse_of, metric
 from geovp_classic.errors import BadData, MissingExtra, install_command
 from geovp_classic.geometry import pinhole
-from geovp_classic.types import (
-    Context,
-    FloatArray,
-    Intrinsics,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -86,14 +75,13 @@ class RecordedDepth:
         """Return the inverse depth [H, W] of one frame, NaN where it is unknown."""
         stored = _read_map(file)
         stored_camera = Intrinsics(1.0, 1.0, 0.0, 0.0, stored.shape[1], stored.shape[0])
-        size_px = (camera.width_px, camera.height_px)
         if self.frames == "full":
-            window, _ = pinhole.centre_crop(stored_camera, size_px)
+            window, _ = pinhole.centre_crop(stored_camera, camera.size_px)
             stored = stored[window]
         # Means across an edge would lie on no surface.
         values = cv2.resize(
             np.ascontiguousarray(stored),
-            size_px,
+            camera.size_px,
             interpolation=cv2.INTER_NEAREST_EXACT,
         )
         return inverse_of(values, self.values, self.unit)

@@ -13,12 +13,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry.robust import irls
 from geovp_classic.interfaces import DepthSource
-from geovp_classic.types import (
-    Context,
-    FloatArray,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 
 DepthValues = Literal["depth", "inverse-depth", "disparity"]
 

@@ -29,6 +29,7 @@ def umeyama(
     centred_b = points_b - mean_b
     if not centred_a.any():
         raise BadData("alignment of points that all coincide: the camera must have moved")
+    # The rotation does not depend on the scale, nor both on the translation
     rotation = rotation_between(centred_a, centred_b)
     scale = 1.0
     if with_scale:

@@ -43,14 +43,13 @@ class Epipolar:
         Points behind the other camera, where this ratio is not positive, are mapped far outside.
         """
         q = np.asarray(inverse_depth, dtype=np.float32)
-        x, y, ratio = (at + q * b for at, b in zip(self._at(q), self.epipole, strict=True))
+        height, width = q.shape
+        u = np.arange(width, dtype=np.float32)
+        v = np.arange(height, dtype=np.float32)[:, None]
+        x, y, ratio = (
+            a[0] * u + (a[1] * v + a[2]) + q * b
+            for a, b in zip(self.infinity, self.epipole, strict=True)
+        )
         z = np.maximum(ratio, np.float32(1e-3))
         pixels = cv2.merge((x / z, y / z))
         return pixels, ratio
-
-    def _at(self, like: FloatArray) -> tuple[FloatArray, ...]:
-        """Return A (u, v, 1) for the pixels of an array [H, W], one array per row of A."""
-        height, width = like.shape
-        u = np.arange(width, dtype=np.float32)
-        v = np.arange(height, dtype=np.float32)[:, None]
-        return tuple(a[0] * u + (a[1] * v + a[2]) for a in self.infinity)

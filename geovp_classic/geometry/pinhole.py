@@ -5,7 +5,7 @@ import functools
 import cv2
 import numpy as np
 
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 
 def project(
@@ -78,6 +78,18 @@ def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
     shrinking = size_px[0] < width_px or size_px[1] < height_px
     interpolation = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
     return cv2.resize(image, size_px, interpolation=interpolation)
+
+
+def resize_mask(mask: BoolArray, size_px: tuple[int, int]) -> BoolArray:
+    """Resize a mask [H, W] to (width, height), with the values of the nearest pixels."""
+    return cv2.resize(mask.view(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def gradient(image: ByteArray | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives [H, W] of an image along its rows and its columns (Sobel)."""
+    x = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8)
+    y = cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
+    return x, y
 
 
 def grey(frame: ByteArray) -> FloatArray:

@@ -77,11 +77,10 @@ class GroundFit:
         expected = points @ plane
         is_on, is_below = self._compare(expected, observed)
         num_below_horizon = max((expected > 0).sum(), 1)
-        if is_on.sum() < self.min_inlier_fraction * num_below_horizon:
-            return None
-        if is_below.sum() > self.max_below_fraction * num_below_horizon:
-            return None
-        if not 0 <= abs(plane[0]) <= self.max_roll * plane[1]:
+        is_ground = is_on.sum() >= self.min_inlier_fraction * num_below_horizon
+        is_ground &= is_below.sum() <= self.max_below_fraction * num_below_horizon
+        is_ground &= abs(plane[0]) <= self.max_roll * plane[1]
+        if not is_ground:
             return None
         row, column = np.mgrid[:height, :width] / height
         ground = plane[0] * column + plane[1] * row + plane[2] / height

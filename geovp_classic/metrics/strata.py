@@ -8,13 +8,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import (
-    BoolArray,
-    Context,
-    FloatArray,
-    Intrinsics,
-    Target,
-)
+from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Target
 
 
 def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[str, BoolArray]:

@@ -8,6 +8,7 @@ from geovp_classic.observation.observe import (
     observations_of,
     recent,
     scene_window_of,
+    stream_needs,
 )
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "observations_of",
     "recent",
     "scene_window_of",
+    "stream_needs",
 ]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
 
@@ -68,7 +69,7 @@ class CameraFixedDetection:
             )
 
         edges = self._edges(greys)
-        x, y = _gradient(greys[-1].astype(np.float32))
+        x, y = pinhole.gradient(greys[-1].astype(np.float32))
         is_textured = np.sqrt(self._windows(x * x + y * y)) > self.min_gradient
         if not is_textured.any():
             return nothing
@@ -93,8 +94,7 @@ class CameraFixedDetection:
         mask = self._pixels(edges, cells)
         if mask.mean() > self.max_fraction:
             return nothing
-        mask = cv2.resize(mask.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
-        return mask > 0
+        return pinhole.resize_mask(mask, (width, height))
 
     def _edges(self, greys: ByteArray) -> _Edges:
         """Return the edges of the mean image and by how much each frame shows them elsewhere.
@@ -108,7 +108,7 @@ class CameraFixedDetection:
         for frame in frames:
             cv2.accumulateSquare(frame - mean, square_change)
         pixel_change = np.sqrt(square_change / len(frames))
-        x, y = _gradient(mean)
+        x, y = pinhole.gradient(mean)
         pixel_strength = cv2.magnitude(x, y)
 
         # Pixels that change, and their neighbours, show the scene and take no part.
@@ -160,8 +160,8 @@ class CameraFixedDetection:
     def _pixels(self, edges: _Edges, cells: BoolArray) -> BoolArray:
         """Return the pixels [H, W] of camera-fixed cells, and of regions that they enclose."""
         shape = edges.pixel_change.shape
-        inside = cv2.resize(cells.view(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
-        is_edge = (inside > 0) & (edges.pixel_strength > self.min_gradient)
+        is_inside = pinhole.resize_mask(cells, shape[::-1])
+        is_edge = is_inside & (edges.pixel_strength > self.min_gradient)
         is_edge &= edges.pixel_change < self.max_noise_px * edges.pixel_strength
         mask = cv2.morphologyEx(is_edge.view(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5))) > 0
 
@@ -196,23 +196,13 @@ class CameraFixedDetection:
 
 def _outlines(regions: IntArray, mask: BoolArray, num_regions: int) -> tuple[IntArray, IntArray]:
     """Return the lengths of outlines [R] of regions [H, W], and of their parts at a mask."""
+    # No pixel of the mask, and none outside of the image, is in a region
     padded = np.pad(regions, 1)
     closed = np.pad(mask, 1, constant_values=True)
-    outline = np.zeros(num_regions, np.int64)
-    evident = np.zeros(num_regions, np.int64)
-    inner = padded[1:-1, 1:-1]
-    for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        shape = regions.shape
-        neighbour = padded[rows : rows + shape[0], columns : columns + shape[1]]
-        at_mask = closed[rows : rows + shape[0], columns : columns + shape[1]]
-        is_outline = (neighbour != inner) | at_mask
-        outline += np.bincount(inner[is_outline], minlength=num_regions)
-        evident += np.bincount(inner[is_outline & at_mask], minlength=num_regions)
+    height, width = regions.shape
+    outline, evident = np.zeros((2, num_regions), np.int64)
+    for row, column in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        neighbours = np.s_[row : row + height, column : column + width]
+        outline += np.bincount(regions[padded[neighbours] != regions], minlength=num_regions)
+        evident += np.bincount(regions[closed[neighbours]], minlength=num_regions)
     return outline, evident
-
-
-def _gradient(image: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives [H, W] of an image along its rows and columns."""
-    x = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=1 / 8)
-    y = cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=1 / 8)
-    return x, y

@@ -12,12 +12,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.observation.camera_fixed import CameraFixedDetection
 from geovp_classic.observation.frame_screening import FrameScreening
-from geovp_classic.observation.scene_mask import (
-    SceneMasking,
-    Window,
-    read_mask,
-    scene_window,
-)
+from geovp_classic.observation.scene_mask import SceneMasking, Window, read_mask, scene_window
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -39,7 +34,8 @@ class Observed:
 
     context: Context  # with observations
     mask: BoolArray  # [H, W], non-scene pixels of the crop
-    full_mask: BoolArray | None  # [H', W'], the same of the uncropped frames
+    # [H, W], the same with what the uncropped frames alone show not to be the scene
+    mask_with_full: BoolArray
     original: Context  # as it was given
 
     def crop_mask(self, needs: PrivilegedInput) -> BoolArray:
@@ -48,12 +44,7 @@ class Observed:
         Uncropped frames, where they are a privileged input, may show an ego vehicle that the crop
         does not.
         """
-        full = self.original.full
-        if PrivilegedInput.FULL_FRAMES not in needs or self.mask.any():
-            return self.mask
-        if full is None or self.full_mask is None:
-            return self.mask
-        return _warped(self.full_mask, full.intrinsics, self.original.intrinsics)
+        return self.mask_with_full if PrivilegedInput.FULL_FRAMES in needs else self.mask
 
 
 @dataclass(frozen=True)
@@ -83,16 +74,14 @@ class Observer:
         """
         # What shows no scene: detected in each stream, and drawn by the user.
         full = context.full
+        whole = (full or context).intrinsics
+        drawn = np.zeros((whole.height_px, whole.width_px), bool)
+        if self.mask is not None:
+            drawn = read_mask(self.mask, whole.height_px, whole.width_px)
         greys = _greys(context.frames)
         mask, is_usable = self.scene(greys)
-        full_mask, full_usable = None, is_usable
-        if full is not None:
-            full_mask, full_usable = self.scene(_greys(full.frames))
-        if self.mask is not None:
-            whole = (full or context).intrinsics
-            drawn = read_mask(self.mask, whole.height_px, whole.width_px)
-            mask |= _warped(drawn, whole, context.intrinsics)
-            full_mask = None if full_mask is None else full_mask | drawn
+        mask |= _warped(drawn, whole, context.intrinsics)
+        mask_with_full = mask
 
         # The crop, its camera and everything per pixel, reduced to the scene. The window excludes
         # bars and hoods; masked pixels inside it remain marked.
@@ -108,7 +97,11 @@ class Observer:
         )
         reduced = replace(reduced, observations=observations)
         # The same of the uncropped frames, at the resolution that pays.
-        if full is not None and full_mask is not None:
+        if full is not None:
+            full_mask, full_usable = self.scene(_greys(full.frames))
+            full_mask |= drawn
+            if not mask.any():
+                mask_with_full = _warped(full_mask, whole, context.intrinsics)
             full_window = self._window(full_mask)
             full = _windowed(full, full_window)
             future_full = context.future_full
@@ -120,7 +113,7 @@ class Observer:
                     full, camera, full_usable, full_mask[full_window]
                 ),
             )
-        return Observed(reduced, mask, full_mask, context)
+        return Observed(reduced, mask, mask_with_full, context)
 
     def scene(
         self,
@@ -153,19 +146,22 @@ class Observer:
         full: ExtraView,
         crop: Intrinsics,
         is_usable: BoolArray,
-        mask: BoolArray | None = None,  # [H', W'], pixels that do not show the scene
+        mask: BoolArray,  # [H', W'], pixels that do not show the scene
     ) -> Observations:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
         scale = np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale)
         width_px = max(1, round(native.width_px * scale * crop.fx_px / native.fx_px))
         height_px = max(1, round(native.height_px * scale * crop.fy_px / native.fy_px))
-        frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in full.frames])
         camera = native.resized(width_px, height_px)
-        if mask is not None:
-            size_px = (width_px, height_px)
-            mask = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+        frames = np.stack([pinhole.resize(frame, camera.size_px) for frame in full.frames])
+        mask = pinhole.resize_mask(mask, camera.size_px)
         return Observations(frames, _greys(frames), is_usable, camera, mask)
+
+
+def stream_needs(frames: ImageStream) -> PrivilegedInput:
+    """Return the privileged input that an image stream is."""
+    return PrivilegedInput.FULL_FRAMES if frames == "full" else PrivilegedInput.NONE
 
 
 def observations_of(context: Context, frames: ImageStream) -> Observations:
@@ -179,15 +175,18 @@ def observations_of(context: Context, frames: ImageStream) -> Observations:
             return context.observations
         greys = _greys(context.frames)
         usable = observer.screening.usable(greys)
-        return Observations(context.frames, greys, usable, context.intrinsics)
+        unmasked = np.zeros(greys.shape[1:], bool)
+        return Observations(context.frames, greys, usable, context.intrinsics, unmasked)
     if context.full is None:
         raise Incompatible(
             "uncropped frames are asked for, the clip has none: use a data set that gives them"
         )
     if context.full_observations is not None:
         return context.full_observations
-    usable = observer.screening.usable(_greys(context.full.frames))
-    return observer.full_observations(context.full, context.intrinsics, usable)
+    greys = _greys(context.full.frames)
+    usable = observer.screening.usable(greys)
+    unmasked = np.zeros(greys.shape[1:], bool)
+    return observer.full_observations(context.full, context.intrinsics, usable, unmasked)
 
 
 def future_greys(context: Context, frames: ImageStream) -> ByteArray:
@@ -196,8 +195,7 @@ def future_greys(context: Context, frames: ImageStream) -> ByteArray:
     Raise Incompatible if they, or the uncropped frames, are missing.
     """
     if frames == "full" and context.future_full is not None:
-        camera = observations_of(context, "full").intrinsics
-        size_px = (camera.width_px, camera.height_px)
+        size_px = observations_of(context, "full").intrinsics.size_px
         return _greys([pinhole.resize(frame, size_px) for frame in context.future_full.frames])
     if frames == "crop" and context.future_frames is not None:
         return _greys(context.future_frames)
@@ -252,6 +250,5 @@ def _windowed(view: View, window: Window) -> View:
 def _warped(mask: BoolArray, camera: Intrinsics, other: Intrinsics) -> BoolArray:
     """Return a camera's mask [H, W] as another camera at the same place sees it."""
     other_from_this = other.matrix @ np.linalg.inv(camera.matrix)
-    size_px = (other.width_px, other.height_px)
     grey, nearest = mask.astype(np.uint8), cv2.INTER_NEAREST
-    return cv2.warpAffine(grey, other_from_this[:2], size_px, flags=nearest) > 0
+    return cv2.warpAffine(grey, other_from_this[:2], other.size_px, flags=nearest) > 0

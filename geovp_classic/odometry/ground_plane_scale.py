@@ -9,18 +9,8 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import ScaleEstimator
 from geovp_classic.odometry.random_walk import RandomWalk
-from geovp_classic.odometry.road import (
-    RoadAligner,
-    RoadMeasurement,
-    RoadPair,
-    level_plane,
-)
-from geovp_classic.types import (
-    ByteArray,
-    FloatArray,
-    Intrinsics,
-    PrivilegedInput,
-)
+from geovp_classic.odometry.road import RoadAligner, RoadMeasurement, RoadPair, level_plane
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 from geovp_classic.types.speed_prior import MIN_SPREAD, SpeedPrior
 
 

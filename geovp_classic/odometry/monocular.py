@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scale
-from geovp_classic.observation import ImageStream, observations_of
+from geovp_classic.observation import ImageStream, observations_of, stream_needs
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.segment_scale import SegmentScale, TrackedImages, joined
 from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
@@ -47,8 +47,7 @@ class Monocular:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the inputs that the scale needs, and the uncropped frames if asked for."""
-        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
-        return self.scale.needs | full
+        return self.scale.needs | stream_needs(self.frames)
 
     @single_threaded_blas
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
@@ -58,7 +57,7 @@ class Monocular:
         never moved. Raise Incompatible if the clip lacks an input.
         """
         view = observations_of(context, self.frames)
-        times_s = context.times_s[: context.num_past]
+        times_s = context.past_s
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]
         corners = parallel_map(lambda grey: self.tracking.corners.detect(grey, view.mask), greys)
@@ -156,10 +155,8 @@ class MonocularRun:
         self._window = window
         self._min_images = min_images
         tracking = settings.tracking
-        self._scale: SegmentScale | None = None
-        if window is None:
-            self._scale = SegmentScale(settings.scale.estimator(camera, height_m))
-        else:
+        self._scale = SegmentScale(settings.scale.estimator(camera, height_m))
+        if window is not None:
             tracking = replace(tracking, keyframes=tracking.keyframes.for_clip(window))
         self._tracker = Tracker(tracking, camera)
         self._num_images = 0
@@ -174,7 +171,7 @@ class MonocularRun:
         self._times_s.append(image.time_s)
         if self._window is None:
             # The images of the newest two keyframes are at hand now, and not later
-            if self._scale is not None and tracker.new_pair is not None:
+            if tracker.new_pair is not None:
                 self._scale.update(self._num_images, tracker.segment, *tracker.new_pair)
         else:
             self._greys = [*self._greys, image.grey][-self._window :]
@@ -199,19 +196,15 @@ class MonocularRun:
 
         # Measure the scale
         self._measure_scale(images, localised)
-        units: FloatArray = np.full(len(localised.numbers), np.nan)
-        unit, uncertainty = 1.0, np.inf
-        if self._scale is not None:
-            units = self._scale.units(localised)
-            unit = self._scale.estimator.unit
-            uncertainty = self._scale.estimator.uncertainty
+        units = self._scale.units(localised)
+        estimator = self._scale.estimator
 
         # Segments without a measurement are lost: their unit is unknown. If none has one, the unit
         # of the longest segment is assumed or arbitrary, and the others are lost.
         is_used = np.isfinite(units)
         if not is_used.any():
             is_used = localised.in_longest_segment
-            units[:] = unit
+            units[:] = estimator.unit
         used = localised.select(is_used)
         poses = joined(used, units[is_used])
 
@@ -220,7 +213,7 @@ class MonocularRun:
         if len(poses) >= 2:
             world_from_cam = se3.interpolate(poses, used.times_s, times_s)
         tracked = images.tracked & np.isin(images.numbers, used.numbers)
-        return self.settings.trajectory(world_from_cam, times_s, uncertainty), tracked
+        return self.settings.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
     @property
     def pitch_rad(self) -> float:
@@ -251,21 +244,19 @@ class MonocularRun:
 
     def _measure_scale(self, images: TrackedImages, localised: TrackedImages) -> None:
         """Measure the scale with the images of the window that are new."""
-        settings = self.settings
-        if self._window is not None and self._scale is None:
+        if self._window is not None and self._num_measured == 0:
             # The first images together: their steps say which baseline is long enough
             if len(images.numbers) < self._min_images:
                 return
-            self._scale = settings.fit_scale(localised, self.camera, self._height_m)
-        elif self._scale is not None:
+            self._scale = self.settings.fit_scale(localised, self.camera, self._height_m)
+        else:
             if self._window is not None:
                 for now in np.flatnonzero(images.numbers >= self._num_measured).tolist():
-                    unit = self._scale.estimator.unit
-                    self._scale.update_with(images, self._far_enough(images, now, unit), now)
+                    self._scale.update_with(images, self._far_enough(images, now), now)
             self._scale.finalize(localised)
         self._num_measured = self._num_images
 
-    def _far_enough(self, images: TrackedImages, now: int, unit: float) -> int:
+    def _far_enough(self, images: TrackedImages, now: int) -> int:
         """Return the nearest image before another one that is far enough away for the scale."""
         settings = self.settings
         positions = images.world_from_cam[:, :3, 3]
@@ -275,6 +266,6 @@ class MonocularRun:
                 break
             before = now - stride
             baseline = np.linalg.norm(positions[now] - positions[before])
-            if baseline * unit > settings.min_baseline_m(self._height_m):
+            if baseline * self._scale.estimator.unit > settings.min_baseline_m(self._height_m):
                 break
         return before

@@ -58,7 +58,7 @@ class RecordedOdometry:
 
         With fewer than two recorded poses the camera is assumed to be stationary.
         """
-        times_s = context.times_s[: context.num_past]
+        times_s = context.past_s
         poses, rows = self._read(context)
         tracked = rows >= 0
         world_from_cam: FloatArray = np.tile(np.eye(4), (len(times_s), 1, 1))
@@ -88,7 +88,7 @@ class RecordedOdometry:
         recorded_s, poses = _read_file(sequence_paths.of_sequence(self.path, sequence))
         if recorded_s is None:
             return poses, np.where(numbers < len(poses), numbers, -1)
-        times_s = context.times_s[: context.num_past]
+        times_s = context.past_s
         if recorded_s[-1] < times_s[0] or recorded_s[0] > times_s[-1]:
             raise BadData(
                 f"{self.path} has poses from {recorded_s[0]:.3f} to {recorded_s[-1]:.3f} s "

@@ -117,8 +117,7 @@ class RoadAligner:
         Geman-McClure weights against other surfaces. The result is None if the road is not visible,
         has no texture, or looks different.
         """
-        derivatives = [cv2.Sobel(pair.before, cv2.CV_32F, dx, 1 - dx, scale=1 / 8) for dx in (1, 0)]
-        fields = np.stack([pair.before, *derivatives], axis=-1)
+        fields = np.stack([pair.before, *pinhole.gradient(pair.before)], axis=-1)
         target = sample(pair.now, pixels)
         rays = pinhole.unproject(pixels, 1.0, pair.camera)
         prior_information = _tilt_information(start, tilt_rad)

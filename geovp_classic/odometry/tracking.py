@@ -13,18 +13,8 @@ from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import TwoView, TwoViewEstimator
 from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.resection import Resection
-from geovp_classic.odometry.windowed_map import (
-    Keyframe,
-    KeyframePolicy,
-    WindowedMap,
-)
-from geovp_classic.types import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    IntArray,
-    Intrinsics,
-)
+from geovp_classic.odometry.windowed_map import Keyframe, KeyframePolicy, WindowedMap
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Intrinsics
 
 
 @dataclass(frozen=True)

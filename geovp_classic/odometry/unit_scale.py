@@ -5,12 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geovp_classic.interfaces import ScaleEstimator
-from geovp_classic.types import (
-    ByteArray,
-    FloatArray,
-    Intrinsics,
-    PrivilegedInput,
-)
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import bundle_adjust
 from geovp_classic.geometry.two_view import homogeneous, parallax
-from geovp_classic.odometry.triangulation import (
-    reprojection_errors,
-    triangulate,
-)
+from geovp_classic.odometry.triangulation import reprojection_errors, triangulate
 from geovp_classic.types import BoolArray, FloatArray, IntArray, Intrinsics
 
 
@@ -173,14 +170,10 @@ class WindowedMap:
 
         The other points are triangulated again.
         """
-        index = self.adjustable()
-        max_points = self.policy.max_bundle_points
-        num_adjusted = min(len(index), max_points)
-        if len(self.keyframes) <= num_fixed or num_adjusted < self.policy.min_bundle_points:
+        adjusted, others = np.split(self.adjustable(), [self.policy.max_bundle_points])
+        if len(self.keyframes) <= num_fixed or len(adjusted) < self.policy.min_bundle_points:
             return
         # Minimise the robust reprojection errors over poses and points
-        adjusted = index[:max_points]
-        others = index[max_points:]
         poses, points = bundle_adjust(
             self.cam_from_world,
             self.points[adjusted],

@@ -58,7 +58,7 @@ class ReferenceTracker:
         self,
         images: ByteArray,  # [P, H, W] grey
         reference: int,
-        mask: BoolArray | None = None,  # [H, W], pixels without corners
+        mask: BoolArray,  # [H, W], pixels without corners
     ) -> tuple[FloatArray, BoolArray]:
         """Return pixels [P, N, 2] of corners in all images, and where they are visible [P, N]."""
         # Corners of the reference, in both directions of time.
@@ -95,16 +95,15 @@ class ReferenceTracker:
                 before = step
         return pixels.astype(np.float64), is_visible
 
-    def _corners(self, image: ByteArray, mask: BoolArray | None) -> FloatArray:
+    def _corners(self, image: ByteArray, mask: BoolArray) -> FloatArray:
         """Return corners [N, 2] of the middle of an image, the strongest first."""
         height, width = image.shape
         aspect = float(np.clip(width / height, 1, self.max_aspect))
         margin = max(0, round((width - self.max_aspect * height) / 2))
         middle = np.zeros((height, width), np.uint8)
         middle[:, margin : width - margin] = 255
-        if mask is not None:
-            kernel = np.ones((self.window_px, self.window_px))
-            middle[cv2.dilate(mask.astype(np.uint8), kernel) > 0] = 0
+        kernel = np.ones((self.window_px, self.window_px))
+        middle[cv2.dilate(mask.astype(np.uint8), kernel) > 0] = 0
         max_corners = int(self.max_corners * aspect)
         spacing_px = self.spacing_fraction * height
         corners = cv2.goodFeaturesToTrack(image, max_corners, self.quality, spacing_px, mask=middle)
@@ -132,7 +131,7 @@ class ImageRegistration:
         camera: Intrinsics,
         world_from_cam: FloatArray,  # [P, 4, 4]
         reference: int,
-        mask: BoolArray | None = None,  # [H, W], pixels that do not show the scene
+        mask: BoolArray,  # [H, W], pixels that do not show the scene
     ) -> FloatArray:
         """Return the adjusted poses [P, 4, 4]; that of the reference stays.
 
@@ -211,7 +210,7 @@ class Registration:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the uncropped frames if they are used, else nothing."""
-        return PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        return observation.stream_needs(self.frames)
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""

@@ -9,13 +9,7 @@ from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.recorded_past import recorded
-from geovp_classic.types import (
-    Context,
-    FloatArray,
-    Motion,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Context, FloatArray, Motion, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -53,8 +47,7 @@ class Commanded:
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and the commanded future; raise Incompatible without poses."""
         past = recorded(context.past, "past")
-        last_s = context.times_s[context.num_past - 1]
-        ahead_s = context.times_s[context.num_past :] - last_s
+        ahead_s = context.future_s - context.past_s[-1]
         if self.futures is None:
             last_from_cam = self._constant_turn(past, ahead_s)
         elif pose_files.has_times(self.futures):

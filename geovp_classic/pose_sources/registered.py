@@ -25,10 +25,8 @@ class Registered:
     @property
     def needs(self) -> PrivilegedInput:
         """Return all poses and future images, and the uncropped frames if they are used."""
-        needs = GroundTruth.needs | PrivilegedInput.FUTURE_FRAMES
-        if self.frames == "full":
-            needs |= PrivilegedInput.FULL_FRAMES
-        return needs
+        poses = GroundTruth.needs | PrivilegedInput.FUTURE_FRAMES
+        return poses | observation.stream_needs(self.frames)
 
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:

@@ -11,10 +11,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
-from geovp_classic.predictors.image_warping import (
-    last_greys,
-    warped_prediction,
-)
+from geovp_classic.predictors.image_warping import last_greys, warped_prediction
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -54,8 +51,7 @@ class FlowExtrapolation:
         pixels, has_source = grid, np.ones_like(is_consistent)
         maps = []
         interval_s = float(np.diff(times_s)[0])
-        future_s = context.times_s[context.num_past :]
-        steps_s = _refined([times_s[-1], *future_s], interval_s)
+        steps_s = _refined([times_s[-1], *context.future_s], interval_s)
         for before_s, now_s in itertools.pairwise(steps_s):
             step_px = np.asarray(px_per_s * (now_s - before_s), np.float32)
             u, v = cv2.split(grid + step_px)
@@ -70,7 +66,7 @@ class FlowExtrapolation:
             # pixels outside of the image have no source
             had_source = cv2.remap(has_source.astype(np.uint8), u, v, cv2.INTER_NEAREST)
             has_source = is_consistent & (had_source > 0)
-            if now_s in future_s:
+            if now_s in context.future_s:
                 maps.append((pixels, has_source))
         return warped_prediction(last, maps, self.inpainter)
 

@@ -9,13 +9,7 @@ from geovp_classic.observation import Observed, Observer, observations_of
 from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.hindcast import Hindcast, ShownScene
-from geovp_classic.types import (
-    Context,
-    Motion,
-    Prediction,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Context, Motion, Prediction, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,7 @@ class GeometricPredictor:
 def show(scene: ShownScene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
     # Views of each sampled future, with the pixels that are copies of the last frame
-    times_s, camera = context.times_s[context.num_past :], context.intrinsics
+    times_s, camera = context.future_s, context.intrinsics
     samples = [scene.view(future, times_s, camera) for future in motion.futures]
     frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])

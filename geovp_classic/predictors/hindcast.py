@@ -39,13 +39,6 @@ class Verdict:
     shown_by: ShownBy = "geometry"
     agreement: float = 1.0  # in [0, 1], of what is shown with the observed frames
 
-    @property
-    def error_ratio(self) -> float | None:
-        """Return the error of geometry over the least one of all; None if it was not tested."""
-        if not self.errors:
-            return None
-        return self.errors["geometry"] / max(min(self.errors.values()), 1e-9)
-
 
 @dataclass(frozen=True)
 class Hindcast:
@@ -82,7 +75,7 @@ class Hindcast:
         first, second = _resized_clip(context, size_px).split(context.num_past // 2, needs)
         if context.steps is not None:
             first = replace(first, steps=context.steps[: first.num_past])
-        mask = cv2.resize(mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+        mask = pinhole.resize_mask(mask, size_px)
 
         # Predict its future, and compare
         candidates: dict[ShownBy, FramePredictor] = {
@@ -148,8 +141,7 @@ class ShownScene:
         intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F], in any size."""
-        size_px = intrinsics.width_px, intrinsics.height_px
-        last = pinhole.resize(self.context.frames[-1], size_px)
+        last = pinhole.resize(self.context.frames[-1], intrinsics.size_px)
         copied = self.copied(world_from_cam, intrinsics)
         if copied.all():
             frames = np.repeat(last[None], len(times_s), axis=0)
@@ -169,17 +161,15 @@ class ShownScene:
 
         A camera with another field of view has none.
         """
-        size_px = intrinsics.width_px, intrinsics.height_px
-        num_views = len(world_from_cam)
-        same_view = self.context.intrinsics.resized(*size_px).matrix
+        mask = pinhole.resize_mask(self.mask, intrinsics.size_px)
+        same_view = self.context.intrinsics.resized(*intrinsics.size_px).matrix
         if not np.allclose(intrinsics.matrix, same_view):
-            return np.zeros((num_views, size_px[1], size_px[0]), bool)
+            return np.zeros((len(world_from_cam), *mask.shape), bool)
         shift = np.abs(world_from_cam - self.world_from_last)
         is_last = shift.max(axis=(1, 2)) < self.max_rounding
         is_last &= self.verdict.shown_by == "geometry"
         is_last |= self.verdict.shown_by == "last-frame"
-        mask = cv2.resize(self.mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST)
-        return is_last[:, None, None] | (mask > 0)
+        return is_last[:, None, None] | mask
 
     def each(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
@@ -195,15 +185,14 @@ class ShownScene:
     def _moved_views(self, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """Return views [F] by image motion, measured in their size; none before the last frame."""
         context = self.context
-        past_s = context.times_s[: context.num_past]
-        size_px = intrinsics.width_px, intrinsics.height_px
+        size_px = intrinsics.size_px
         last = np.stack([pinhole.resize(frame, size_px) for frame in context.frames[-2:]])
         frames = np.repeat(last[-1:], len(times_s), axis=0)
         covered = np.zeros(frames.shape[:3], bool)
-        is_future = times_s > past_s[-1]
+        is_future = times_s > context.past_s[-1]
         if is_future.any():
             camera = context.intrinsics.resized(*size_px)
-            future_s = np.append(past_s[-2:], times_s[is_future])
+            future_s = np.append(context.past_s[-2:], times_s[is_future])
             prediction = self.image_motion.predict(Context(last, future_s, camera))
             frames[is_future] = prediction.frames[0]
             if prediction.covered is not None:
@@ -220,7 +209,7 @@ def _resized_clip(context: Context, size_px: tuple[int, int]) -> Clip:
     return Clip(
         context.name,
         np.stack([pinhole.resize(frame, size_px) for frame in context.frames]),
-        context.times_s[: context.num_past],
+        context.past_s,
         context.intrinsics.resized(*size_px),
         context.past,
         depths,

@@ -11,17 +11,8 @@ from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.odometry.features import CornerTracker
-from geovp_classic.predictors.image_warping import (
-    last_greys,
-    warped_prediction,
-)
-from geovp_classic.types import (
-    ByteArray,
-    Context,
-    FloatArray,
-    Prediction,
-    PrivilegedInput,
-)
+from geovp_classic.predictors.image_warping import last_greys, warped_prediction
+from geovp_classic.types import ByteArray, Context, FloatArray, Prediction, PrivilegedInput
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class HomographyExtrapolation:
         """Predict one sample; raise Incompatible without two usable frames or enough corners."""
         (before, now), times_s, last = last_greys(context)
         before_from_now = self._homography(before, now)
-        ahead_s = context.times_s[context.num_past :] - times_s[-1]
+        ahead_s = context.future_s - times_s[-1]
         at_infinity = np.zeros(now.shape, np.float32)
         maps = []
         for num_steps in ahead_s / np.diff(times_s):

@@ -9,13 +9,7 @@ from geovp_classic.interfaces import Inpainter
 from geovp_classic.observation import observations_of
 from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.source import Source, to_bytes
-from geovp_classic.types import (
-    BoolArray,
-    ByteArray,
-    Context,
-    FloatArray,
-    Prediction,
-)
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Prediction
 
 
 def last_greys(context: Context) -> tuple[ByteArray, FloatArray, Source]:

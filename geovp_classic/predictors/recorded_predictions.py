@@ -9,14 +9,7 @@ from geovp_classic import files
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.frames import image_frames, video_frames
 from geovp_classic.errors import BadData
-from geovp_classic.types import (
-    ByteArray,
-    Context,
-    Motion,
-    Prediction,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import ByteArray, Context, Motion, Prediction, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)

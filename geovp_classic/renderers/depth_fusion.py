@@ -1,7 +1,6 @@
 """Depth fusion: `depth` and `rendering` meet here and only here."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
@@ -9,15 +8,11 @@ from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
 from geovp_classic.layers.ground import GroundFit
 from geovp_classic.layers.moving_regions import MovingRegions
-from geovp_classic.observation import observations_of
+from geovp_classic.observation import ImageStream, observations_of, stream_needs
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import fusion
-from geovp_classic.rendering.exposure import (
-    ExposedScene,
-    ExposureControl,
-    ExposureEstimator,
-)
+from geovp_classic.rendering.exposure import ExposedScene, ExposureControl, ExposureEstimator
 from geovp_classic.rendering.layered_scene import LayeredScene
 from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 from geovp_classic.rendering.patches import PatchModel
@@ -35,7 +30,7 @@ class DepthFusion:
     depth: DepthSource = Multiview()
     inpainter: Inpainter = DetailTransfer()
     # full: the uncropped ones, with all their detail
-    frames: Literal["crop", "full"] = "crop"
+    frames: ImageStream = "crop"
     num_frames: int = 10  # the last usable ones: one second at KITTI's 10 Hz
     # Gaps up to twice this width between surfaces are closed, not inpainted. Chosen on train, val.
     crack_px: int = 3
@@ -72,9 +67,7 @@ class DepthFusion:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the privileged inputs of the depth source, and uncropped frames if used."""
-        if self.frames == "full":
-            return self.depth.needs | PrivilegedInput.FULL_FRAMES
-        return self.depth.needs
+        return self.depth.needs | stream_needs(self.frames)
 
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
@@ -83,24 +76,24 @@ class DepthFusion:
         last_s = float(past.times_s[-1])
 
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
-        greys = observations_of(recent, "crop").greys
+        observed = observations_of(recent, "crop")
         exposure = self.exposure_estimator.estimate(
-            greys, recent.intrinsics, past, inverse_depths[-1]
+            observed.greys, recent.intrinsics, past, inverse_depths[-1]
         )
 
         # One cloud of all frames, each with its own image.
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
-        mask = observations_of(recent, "crop").mask
-        if mask is not None:
-            is_known &= ~mask
+        is_known &= ~observed.mask
         # What moves on its own is no part of it.
         patches: list[MovingPatch] = []
         ground = None
         if self.ground is not None:
             ground = self.ground.inverse_depths(inverse_depths[-1], confidence[-1])
         if self.moving is not None:
-            patches = self.moving.detect(greys, past, recent.intrinsics, inverse_depths[-1], ground)
+            patches = self.moving.detect(
+                observed.greys, past, recent.intrinsics, inverse_depths[-1], ground
+            )
         for patch in patches:
             is_known[-1] &= ~patch.mask
         # Uncropped frames are rendered at their own resolution.

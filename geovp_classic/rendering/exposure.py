@@ -21,14 +21,7 @@ from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.interfaces import Scene
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    Intrinsics,
-    Trajectory,
-    Views,
-)
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory, Views
 
 
 @dataclass(frozen=True)
@@ -166,12 +159,11 @@ class ExposureEstimator:
         """Return log gains [P] to the last frame, as medians over comparable pixels."""
         # Small, blurred images: gains are the same over large areas, and depth is inexact.
         small = _shrunk(camera, self.width_px / camera.width_px)
-        size_px = (small.width_px, small.height_px)
-        nearest = cv2.resize(inverse_depth, size_px, interpolation=cv2.INTER_NEAREST)
+        nearest = cv2.resize(inverse_depth, small.size_px, interpolation=cv2.INTER_NEAREST)
         small_inverse_depth = nearest.astype(np.float32)
         images = []
         for grey in greys:
-            resized = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
+            resized = cv2.resize(grey, small.size_px, interpolation=cv2.INTER_AREA)
             images.append(cv2.GaussianBlur(resized.astype(np.float32), (0, 0), self.blur_px))
         is_valid = self._is_comparable(images[-1], images[-1])
 

@@ -21,13 +21,7 @@ from geovp_classic.rendering.magnified_detail import MagnifiedDetail
 from geovp_classic.rendering.patches import Patches, PatchModel
 from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    Intrinsics,
-    Views,
-)
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 
 def fuse(
@@ -117,7 +111,7 @@ class CloudScene:
         z_buffer, winner = self.model.rasterise(
             self.cloud, self.sources, world_from_cam, intrinsics
         )
-        sampler = ImageSampler.of(self.sources, intrinsics)
+        sampler = ImageSampler(self.sources, intrinsics)
         # The last entry stands for pixels without a patch, whose number NO_INDEX is -1.
         source_of_patch = np.append(self.cloud.source, np.int32(NO_INDEX))
 

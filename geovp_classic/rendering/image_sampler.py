@@ -3,7 +3,6 @@
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -16,14 +15,13 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 class ImageSampler:
     """Source images at two resolutions, between which magnification decides (Williams 1983)."""
 
+    fine: Sequence[Source]  # at least one
     camera: Intrinsics  # of the views
-    fine: Sequence[Source]
-    coarse: Sequence[Source]  # no finer than the views
 
-    @classmethod
-    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Self:
-        """Return the sampler of at least one source."""
-        return cls(camera, sources, [source.shrunk(camera) for source in sources])
+    @functools.cached_property
+    def coarse(self) -> list[Source]:
+        """Return the sources with images that are no finer than the views."""
+        return [source.shrunk(self.camera) for source in self.fine]
 
     def sample(
         self,

@@ -62,7 +62,6 @@ class LayeredScene:
         scale = plane[2] @ np.linalg.inv(self.last.camera.matrix) @ [columns.mean(), rows.mean(), 1]
         if scale < 0.05:  # behind the camera, or twenty times as large
             return None
-        size_px = camera.width_px, camera.height_px
         image = self.last.frame
         per_px = 1 / self.last.resolution
         resolution = np.array(
@@ -71,9 +70,9 @@ class LayeredScene:
         warped = cv2.warpPerspective(
             image,
             view_from_last @ resolution,
-            size_px,
+            camera.size_px,
             flags=cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        weight = cv2.warpPerspective(patch.mask.astype(np.float32), view_from_last, size_px)
+        weight = cv2.warpPerspective(patch.mask.astype(np.float32), view_from_last, camera.size_px)
         return warped.astype(np.float32), weight, float(scale / patch.inverse_depth)

@@ -7,39 +7,30 @@ Inverse depth 0 is infinitely far and needs no special case.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.parallel import parallel_map
-from geovp_classic.rendering.rasterizer import (
-    NO_INDEX,
-    IndexArray,
-    rasterise_view,
-)
+from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray, rasterise_view
 from geovp_classic.rendering.source import Source
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 
-@dataclass(frozen=True)
-class Patches:
-    """Pixels of several sources with their place in space."""
+class Patches(NamedTuple):
+    """N pixels of several sources with their place in space."""
 
     pixels: FloatArray  # [N, 2] float32, (u, v) in their source
     inverse_depth: FloatArray  # [N] float32
     slope: FloatArray  # [N, 2] float32, of the inverse depth per pixel along u and v
     source: IndexArray  # [N], index of the source
 
-    def __len__(self) -> int:
-        """Return N."""
-        return len(self.pixels)
-
 
 def concatenate(clouds: Sequence[Patches]) -> Patches:
     """Concatenate clouds; where patches are equally near, earlier ones are rendered."""
-    fields = zip(*(vars(cloud).values() for cloud in clouds), strict=True)
-    return Patches(*map(np.concatenate, fields))
+    return Patches(*map(np.concatenate, zip(*clouds, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -70,13 +61,8 @@ class PatchModel:
         rows, columns = np.nonzero(is_known)
         pixels = np.stack([columns, rows], axis=-1).astype(np.float32)
         index = np.full(len(pixels), source, np.int32)
-        return Patches(pixels, q[is_known], self.slopes(q)[is_known], index)
-
-    def slopes(self, inverse_depth: FloatArray) -> FloatArray:
-        """Return the steps of a surface per pixel along u and v [H, W, 2]; NaN is unknown depth."""
-        along_u = self._slopes_along_rows(inverse_depth)
-        along_v = self._slopes_along_rows(inverse_depth.T).T
-        return np.stack([along_u, along_v], axis=-1)
+        slopes = np.stack([self._slopes_along_rows(q), self._slopes_along_rows(q.T).T], axis=-1)
+        return Patches(pixels, q[is_known], slopes[is_known], index)
 
     def _slopes_along_rows(self, inverse_depth: FloatArray) -> FloatArray:
         """Return the steps per column [H, W].
@@ -119,11 +105,11 @@ class PatchModel:
         # Thinning: in coarse views one patch of stride x stride pixels stands for all of them.
         source_px = sources[0].camera.fx_px / camera.fx_px  # pixels of a source per pixel
         stride = max(1, int(self.coarse_patch_px * source_px))
-        used = np.arange(len(cloud))
+        used = np.arange(len(cloud.source))
         if stride > 1:
             is_used = cloud.pixels.astype(int) % stride == stride // 2
             used = np.flatnonzero(is_used.all(axis=1))
-        patches = tuple(values[used] for values in vars(cloud).values())
+        patches = tuple(values[used] for values in cloud)
         size = (len(world_from_cam), camera.height_px, camera.width_px)
         z_buffer = np.full(size, -1, np.float32)
         winner = np.full(size, NO_INDEX, np.int32)

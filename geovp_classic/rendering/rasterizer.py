@@ -21,7 +21,7 @@ MAX_S = np.float32(1.0001)
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def rasterise_view(
-    patches: tuple[FloatArray, ...],  # fields of `Patches`
+    patches: tuple[FloatArray | IndexArray, ...],  # fields of `Patches`
     to_view: FloatArray,  # [S, 3, 4], from (u, v, 1, inverse depth) to homogeneous pixels
     half_px: np.float32,  # half the side of a patch in its source
     z_buffer: FloatArray,  # [H, W], inverse depth; written

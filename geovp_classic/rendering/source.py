@@ -147,7 +147,7 @@ def resampled(source: Source, camera: Intrinsics) -> ByteArray:
         return source.frame
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     pixels, _ = source.project(infinity, source.world_from_source, camera)
-    size_px = np.array([source.camera.width_px, source.camera.height_px], np.float32)
+    size_px = np.array(source.camera.size_px, np.float32)
     inside_pixels = np.clip(pixels, 0, size_px - 1)
     everywhere = np.ones(infinity.shape, bool)
     colours = source.shrunk(camera).sample(inside_pixels, everywhere)

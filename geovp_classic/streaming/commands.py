@@ -40,6 +40,7 @@ def commanded_poses(
         raise BadData(
             "commands must be given in increasing time, at least one: sort them by time_s"
         )
+    # The path consists of arcs between times at which a command begins or a pose is asked for
     nodes_s = np.union1d(begins_s[begins_s > start_s], [start_s, *times_s])
     nodes_s = nodes_s[nodes_s <= times_s[-1]]
     in_force = np.searchsorted(begins_s, nodes_s[:-1], side="right") - 1
@@ -47,6 +48,7 @@ def commanded_poses(
     twists_per_s = np.zeros((len(valid), 6))  # of the vehicle
     twists_per_s[:, 2] = [command.speed_m_s for command in valid]
     twists_per_s[:, 4] = [command.yaw_rate_rad_s for command in valid]
+    # Chain the arcs, and pick the poses at the times asked for
     arcs = se3.exp(twists_per_s * np.diff(nodes_s)[:, None])
     nodes = list(accumulate(arcs, np.matmul, initial=np.eye(4)))
     start_from_vehicle = np.stack(nodes)[np.searchsorted(nodes_s, times_s)]

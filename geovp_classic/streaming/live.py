@@ -11,6 +11,7 @@ import numpy as np
 from geovp_classic.errors import BadData, Incompatible, check_kind
 from geovp_classic.geometry import planar
 from geovp_classic.odometry.monocular import MonocularRun
+from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Verdict
@@ -73,7 +74,10 @@ class LivePredictor:
         check_kind("camera_height_m", camera_height_m, (Real, type(None)), "a number or None")
         check_kind("settings", settings, (LiveSettings, type(None)), "LiveSettings or None")
         self.intrinsics = intrinsics
-        self.settings = (settings or LiveSettings()).for_camera(camera_height_m)
+        self.settings = settings or LiveSettings()
+        if camera_height_m is None:  # no metric scale
+            odometry = replace(self.settings.odometry, scale=UnitSpeed())
+            self.settings = replace(self.settings, odometry=odometry)
         self._height_m = camera_height_m
         self._predictor = GeometricPredictor(
             Chained(self.settings.odometry, self.settings.forecaster),
@@ -165,7 +169,12 @@ class LivePredictor:
         if newest is None:
             raise Incompatible("there is no frame yet: push one before the first view")
         is_given = bool(commands) or last_from_present is not None
-        self._check_request(time_s, is_given)
+        _check_time("view", time_s)
+        if is_given and self._height_m is None:
+            raise Incompatible(
+                "the motion is given in metres, but the scale is unknown: give the camera's height "
+                "above the road"
+            )
         if last_from_present is not None:
             last_from_present = checked_rigid("last_from_present", last_from_present, 2)
 
@@ -217,14 +226,6 @@ class LivePredictor:
                 "or give the intrinsics of this size"
             )
         _check_time("frame", time_s)
-
-    def _check_request(self, time_s: float, is_given: bool) -> None:
-        _check_time("view", time_s)
-        if is_given and self._height_m is None:
-            raise Incompatible(
-                "the motion is given in metres, but the scale is unknown: give the camera's height "
-                "above the road"
-            )
 
     def _forget(self) -> None:
         """Forget the remembered frames, and the motion through them."""

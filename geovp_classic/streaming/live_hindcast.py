@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from geovp_classic.forecasting.selected import Selected
@@ -62,5 +61,5 @@ class LiveHindcast:
         poses = earlier.poses(times_s)
         predicted = earlier.scene.each(poses, times_s, camera.resized(*size_px))
         actual = pinhole.resize(newest.image, size_px)[None]
-        mask = cv2.resize(scene.mask.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST)
-        return {way: hindcast.error(frames, actual, mask > 0) for way, frames in predicted.items()}
+        mask = pinhole.resize_mask(scene.mask, size_px)
+        return {way: hindcast.error(frames, actual, mask) for way, frames in predicted.items()}

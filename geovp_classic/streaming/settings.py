@@ -1,6 +1,6 @@
 """Components and limits of a live predictor."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
@@ -9,7 +9,6 @@ from geovp_classic.interfaces import Forecaster, Renderer
 from geovp_classic.observation import Observer
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.renderers.depth_fusion import DepthFusion
 
@@ -58,10 +57,3 @@ class LiveSettings:
                 f"streaming: min_frames {self.min_frames} and num_frames {self.num_frames}, "
                 "expected 2 or more, and no more than are remembered"
             )
-
-    def for_camera(self, height_m: float | None) -> "LiveSettings":
-        """Return the settings of a camera at a height, or without a metric scale."""
-        if height_m is not None:
-            return self
-        odometry = replace(self.odometry, scale=UnitSpeed())
-        return replace(self, odometry=odometry)

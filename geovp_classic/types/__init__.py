@@ -17,12 +17,7 @@ Conventions:
 - A trajectory has one arbitrary world frame; `world_from_cam[0]` need not be the identity.
 """
 
-from geovp_classic.types.arrays import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    IntArray,
-)
+from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from geovp_classic.types.clips import (
     Clip,
     Context,

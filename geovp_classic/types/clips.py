@@ -132,13 +132,11 @@ class Observations(ShortRepr):
     greys: ByteArray  # [P, H, W]
     is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
     intrinsics: Intrinsics
-    # [H, W], pixels that do not show the scene, such as a time stamp; None: no pixel
-    mask: BoolArray | None = None
+    mask: BoolArray  # [H, W]; True for pixels that do not show the scene, such as a time stamp
 
     def __post_init__(self) -> None:
         shape = np.shape(self.frames)[:3]
-        if self.mask is not None:
-            store_checked(self, "mask", bool, shape[1:])
+        store_checked(self, "mask", bool, shape[1:])
         store_checked(self, "frames", np.uint8, (*shape, 3))
         store_checked(self, "greys", np.uint8, shape)
         store_checked(self, "is_usable", bool, shape[:1])
@@ -200,6 +198,16 @@ class Context(ShortRepr):
     def num_future(self) -> int:
         """Return F, the number of frames to predict."""
         return len(self.times_s) - len(self.frames)
+
+    @property
+    def past_s(self) -> FloatArray:
+        """Return the times [P] of the observed frames."""
+        return self.times_s[: self.num_past]
+
+    @property
+    def future_s(self) -> FloatArray:
+        """Return the times [F] of the frames to predict."""
+        return self.times_s[self.num_past :]
 
     def frame_numbers(self) -> tuple[str, IntArray]:
         """Return the clip's sequence and the numbers [P] of the observed frames in it.

@@ -34,7 +34,7 @@ class Intrinsics:
         is_finite = np.isfinite(self.matrix).all()
         if not is_finite or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
             raise BadData(f"{self} must be finite, with positive focal lengths and sizes")
-        if not all(isinstance(size, (int, np.integer)) for size in (self.width_px, self.height_px)):
+        if not all(isinstance(size, (int, np.integer)) for size in self.size_px):
             raise BadData(f"{self} must have a whole number of pixels: give sizes as int")
 
     @property
@@ -46,6 +46,11 @@ class Intrinsics:
             [0, 0, 1],
         ]
         return np.array(rows, dtype=np.float64)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return (width, height)."""
+        return self.width_px, self.height_px
 
     def cropped(self, left_px: int, top_px: int, width_px: int, height_px: int) -> Intrinsics:
         """Return the camera of image[top : top + height, left : left + width]."""

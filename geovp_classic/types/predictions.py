@@ -6,13 +6,7 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.errors import BadData
-from geovp_classic.types.arrays import (
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    ShortRepr,
-    store_checked,
-)
+from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, ShortRepr, store_checked
 from geovp_classic.types.motion import Motion
 
 ShownBy = Literal["geometry", "image-motion", "last-frame"]

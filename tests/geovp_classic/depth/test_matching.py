@@ -42,7 +42,7 @@ def test_costs_are_means_over_the_sources_that_see_a_point(images: ByteArray) ->
     infinity = np.array([np.eye(3), [[1.05, 0.02, -3.0], [-0.01, 0.95, 2.0], [0.001, 0.0, 1.0]]])
     epipoles = np.array([[-20.0, 2.0, -0.2], [2.0, 1.0, 0.0]])  # the second baseline is short
     planes = np.linspace(0, 1, 7)
-    costs = MATCHING.costs(images[0], images[1:], infinity, epipoles, planes)
+    costs, _ = MATCHING.costs(images[0], images[1:], infinity, epipoles, planes)
 
     def twin(source: int, n: int, row: int, column: int) -> tuple[float, bool]:
         homography = infinity[source] + planes[n] * np.outer(epipoles[source], [0, 0, 1])
@@ -69,7 +69,7 @@ def test_costs_are_means_over_the_sources_that_see_a_point(images: ByteArray) ->
 def test_bands_leave_no_seam(images: ByteArray) -> None:
     tall = np.tile(images[0], (3, 1))  # 120 rows: several bands
     sideways = np.array([[3.0, 0, 0]])
-    costs = MATCHING.costs(tall, tall[None], np.eye(3)[None], sideways, np.array([0.0, 1.0]))
+    costs, _ = MATCHING.costs(tall, tall[None], np.eye(3)[None], sideways, np.array([0.0, 1.0]))
     difference = costs[45:75].astype(int) - costs[5:35]  # the image repeats every 40 rows
     assert np.abs(difference).max() <= 1
     assert (costs[..., 0] <= 6).all()  # equal windows: 1 - variance / (variance + noise)
@@ -77,16 +77,18 @@ def test_bands_leave_no_seam(images: ByteArray) -> None:
 
 def test_points_that_no_source_sees_have_a_neutral_cost(images: ByteArray) -> None:
     aside = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])
-    costs = MATCHING.costs(images[0], images[1:2], aside, np.ones((1, 3)), np.array([0.0]))
+    costs, is_seen = MATCHING.costs(images[0], images[1:2], aside, np.ones((1, 3)), np.zeros(1))
     assert ((costs >= 123) & (costs <= 125)).all()  # half of 247, and a little for the noise
-    assert not MATCHING.is_seen(costs, images[0]).any()
-    seen = MATCHING.costs(images[0], images[1:2], np.eye(3)[None], np.ones((1, 3)), np.zeros(1))
-    assert MATCHING.is_seen(seen, images[0]).mean() > 0.99
+    assert not is_seen.any()
+    _, is_seen = MATCHING.costs(
+        images[0], images[1:2], np.eye(3)[None], np.ones((1, 3)), np.zeros(1)
+    )
+    assert is_seen.mean() > 0.99
 
 
 def test_windows_without_texture_do_not_prefer_planes_that_no_source_sees() -> None:
     """Such windows match nothing, at 247; at less they would be near wherever that is unseen."""
     flat = np.full((1, 16, 16), 100, np.uint8)
     aside = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])
-    costs = MATCHING.costs(flat[0], flat, aside, np.ones((1, 3)), np.array([0.0]))
+    costs, _ = MATCHING.costs(flat[0], flat, aside, np.ones((1, 3)), np.array([0.0]))
     assert (costs == 247).all()

@@ -144,7 +144,6 @@ def test_a_time_stamp_leaves_the_window_whole_and_has_no_corners(street: Clip) -
     observed = Observer().observe(context)
     assert observed.context.intrinsics == context.intrinsics
     observations = observations_of(observed.context, "crop")
-    assert observations.mask is not None
     assert observations.mask[box].mean() > 0.8
     corners = CornerTracker().detect(observations.greys[-1])
     allowed = CornerTracker().detect(observations.greys[-1], observations.mask)

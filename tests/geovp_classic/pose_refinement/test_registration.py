@@ -9,7 +9,7 @@ from geovp_classic.pose_refinement.registration import (
     ReferenceTracker,
     direction_correction,
 )
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 from tests.geovp_classic.boxed_street import CAMERA, image
 
 
@@ -17,12 +17,16 @@ def straight(num: int = 6, step: float = 0.8) -> FloatArray:
     return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, 0, 0]))
 
 
+def nothing(images: ByteArray) -> BoolArray:
+    return np.zeros(images.shape[1:], bool)
+
+
 def test_a_pose_that_is_off_by_a_degree_is_corrected() -> None:
     truth = straight()
     images = np.stack([image(pose)[..., 0] for pose in truth])
     given = truth.copy()
     given[2] = given[2] @ se3.exp(np.array([0, 0, 0, np.deg2rad(1.0), 0, 0]))  # 2 px up or down
-    registered = ImageRegistration().register(images, CAMERA, given, reference=5)
+    registered = ImageRegistration().register(images, CAMERA, given, 5, nothing(images))
     errors = se3.inverse(registered) @ truth
     assert np.rad2deg(se3.rotation_angle_rad(errors)).max() < 0.15
     np.testing.assert_array_equal(registered[5], given[5])
@@ -41,20 +45,20 @@ def test_common_errors_of_directions_turn_the_future() -> None:
 
 def test_poses_stay_without_texture_or_motion() -> None:
     blank = np.full((6, 112, 128), 90, np.uint8)
-    registered = ImageRegistration().register(blank, CAMERA, straight(), reference=5)
+    registered = ImageRegistration().register(blank, CAMERA, straight(), 5, nothing(blank))
     np.testing.assert_array_equal(registered, straight())
     stationary = np.tile(np.eye(4), (3, 1, 1))
     images = np.tile(image(np.eye(4))[..., 0], (3, 1, 1))
-    registered = ImageRegistration().register(images, CAMERA, stationary, reference=2)
+    registered = ImageRegistration().register(images, CAMERA, stationary, 2, nothing(images))
     np.testing.assert_array_equal(registered, stationary)
 
 
 def test_a_wide_image_is_registered_by_its_middle() -> None:
     images = np.random.default_rng(4).integers(0, 256, (2, 64, 200)).astype(np.uint8)
-    columns = ReferenceTracker().track(images, reference=0)[0][0, :, 0]
+    columns = ReferenceTracker().track(images, 0, nothing(images))[0][0, :, 0]
     assert columns.min() >= 49  # (200 - 1.6 * 64) / 2
     assert columns.max() < 151
     square = np.ascontiguousarray(images[:, :, :64])
-    columns = ReferenceTracker().track(square, reference=0)[0][0, :, 0]
+    columns = ReferenceTracker().track(square, 0, nothing(square))[0][0, :, 0]
     assert columns.min() < 8
     assert columns.max() > 56

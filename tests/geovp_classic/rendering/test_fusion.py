@@ -52,7 +52,7 @@ def test_earlier_surfaces_are_added_only_behind_later_ones(factor: float, is_add
     is_known[1, 1, 2:4] = False  # pixels of the last frame that may not become patches
     inverse_depths = np.stack([factor / depth, 1 / depth])
     cloud, used = fuse(sources, inverse_depths, is_known, 0.1, PatchModel())
-    assert len(cloud) == (1 + is_added) * depth.size - 2
+    assert len(cloud.source) == (1 + is_added) * depth.size - 2
     assert used == ([1, 0] if is_added else [1])
     columns, rows = cloud.pixels[cloud.source == 0].astype(int).T
     assert not ((rows == 1) & (columns >= 2) & (columns < 4)).any()

@@ -35,7 +35,7 @@ def test_each_pixel_is_what_its_source_shows() -> None:
     inverse_depth[:5] = 0
     source_index = rng.integers(NO_INDEX, 3, (32, 40)).astype(np.int32)
     pose = se3.exp(np.array([0.2, -0.1, 0.8, 0.05, 0.1, -0.02]))
-    frame, covered, magnification = ImageSampler.of(sources, CAMERA).sample(
+    frame, covered, magnification = ImageSampler(sources, CAMERA).sample(
         inverse_depth, source_index, pose
     )
     assert 0.3 < covered.mean() < 0.8
@@ -68,7 +68,7 @@ def test_magnification_decides_between_fine_and_coarse_images() -> None:
     pose = se3.compose(np.eye(3), np.array([0, 0, 3.0]))
     inverse_depth = np.full((36, 49), 1 / 6, np.float32)
     index = np.zeros((36, 49), np.int32)
-    frame, _, magnification = ImageSampler.of([source], camera).sample(inverse_depth, index, pose)
+    frame, _, magnification = ImageSampler([source], camera).sample(inverse_depth, index, pose)
     np.testing.assert_allclose(magnification, 0.75, rtol=1e-4)
     pixels, _ = source.project(inverse_depth, pose, camera)
     both = [each.sample(pixels, index == 0) for each in (source, coarse)]

@@ -34,7 +34,7 @@ def slow_rasterise(
     is_clear = np.ones(depth.shape, bool)
     column, row = np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px))
     offsets = MODEL.half_px * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    for n in range(len(cloud)):
+    for n in range(len(cloud.source)):
         source = sources[cloud.source[n]]
         cam_from_source = se3.inverse(pose) @ source.world_from_source
         epipolar = Epipolar.of(source.camera, cam_from_source, CAMERA)
