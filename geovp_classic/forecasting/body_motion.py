@@ -34,23 +34,6 @@ class BodyCoefficients:
     spread: FloatArray  # [5, F * 3], of the logarithm of a residual's scale
     degrees: FloatArray  # [3], of freedom of Student's t: heave, pitch, roll
 
-    def means(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-    ) -> FloatArray:
-        """Return heave (m, downwards), pitch and roll (rad) [N, F, 3]."""
-        # Changes beyond four root mean squares are outliers, in the fit as well.
-        features = np.clip(changes(twists) / self.scale, -4.0, 4.0)
-        return (features @ self.weights).reshape(len(twists), -1, 3)
-
-    def scales(
-        self,
-        twists: FloatArray,  # [N, P, 6], per second
-    ) -> FloatArray:
-        """Return the scales [N, F, 3] of the residual."""
-        log_scales = motion_features(twists) @ self.spread
-        return np.exp(log_scales).reshape(len(twists), -1, 3)
-
 
 @dataclass(frozen=True)
 class BodyForecast:
@@ -114,15 +97,22 @@ class BodyMotion:
         fitted = load(self.coefficients)
         num_past_steps = len(fitted.scale) // 6
         twists = past_motion.twists_per_s(past, fitted.step_s, num_past_steps)
+        # The mean is linear in the changes of the past motion, and so is the logarithm of the scale
+        # in those of its size. Changes beyond four root mean squares are outliers, in the fit as
+        # well.
+        features = np.clip(changes(twists[None]) / fitted.scale, -4.0, 4.0)
+        log_scales = motion_features(twists[None]) @ fitted.spread
+
+        # From the steps of the fit to the times
         steps = (times_s - past.times_s[-1]) / fitted.step_s
 
         def interpolated(states: FloatArray) -> FloatArray:
-            nodes = np.concatenate([np.zeros((1, 3)), states])
+            nodes = np.concatenate([np.zeros((1, 3)), states.reshape(-1, 3)])
             spline = make_interp_spline(np.arange(len(nodes)), nodes, k=1)
-            return spline(np.minimum(steps, len(states)))
+            return spline(np.minimum(steps, len(nodes) - 1))
 
-        means = interpolated(fitted.means(twists[None])[0])
-        scales = interpolated(fitted.scales(twists[None])[0])
+        means = interpolated(features @ fitted.weights)
+        scales = interpolated(np.exp(log_scales))
         return BodyForecast(means, scales, fitted.degrees)
 
 

@@ -3,7 +3,6 @@
 They are deterministic: further samples are copies. After a single pose they hold it.
 """
 
-import abc
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +27,22 @@ class Hold:
 
 
 @dataclass(frozen=True)
-class _RecentMotion(abc.ABC):
+class _RecentMotion:
     num_steps: int = 1  # whose motion is averaged; 1 is right for poses without noise
 
     def __post_init__(self) -> None:
         if self.num_steps < 1:
             raise BadData(f"num_steps is {self.num_steps}, expected 1 or more steps to average")
+
+    def _recent(self, past: Trajectory) -> tuple[FloatArray, float]:
+        """Return the poses [N, 4, 4] of the last steps, and their duration in seconds."""
+        first = max(len(past) - 1 - self.num_steps, 0)
+        duration_s = past.times_s[-1] - past.times_s[first] or np.inf  # of a single pose
+        return past.world_from_cam[first:], duration_s
+
+
+class ConstantVelocity(_RecentMotion):
+    """Forecaster at the mean velocity of the last `num_steps` steps, without turning."""
 
     def forecast(
         self,
@@ -41,31 +50,12 @@ class _RecentMotion(abc.ABC):
         times_s: FloatArray,  # [F]
         num_samples: int = 1,
     ) -> FloatArray:
-        """Return futures [S, F, 4, 4]."""
-        first = max(len(past) - 1 - self.num_steps, 0)
-        duration_s = past.times_s[-1] - past.times_s[first] or np.inf  # of a single pose
-        ahead_s = times_s[:, None] - past.times_s[-1]
-        future = self._future(past.world_from_cam[first:], duration_s, ahead_s)
-        return np.tile(future, (num_samples, 1, 1, 1))
-
-    @abc.abstractmethod
-    def _future(
-        self,
-        recent: FloatArray,  # [N, 4, 4], poses of the last steps
-        duration_s: float,  # of these steps
-        ahead_s: FloatArray,  # [F, 1]
-    ) -> FloatArray:
-        """Return the future poses [F, 4, 4]."""
-
-
-class ConstantVelocity(_RecentMotion):
-    """Forecaster at the mean velocity of the last `num_steps` steps, without turning."""
-
-    def _future(self, recent: FloatArray, duration_s: float, ahead_s: FloatArray) -> FloatArray:
+        """Return futures [S, F, 4, 4], all equal and with the last rotation."""
+        recent, duration_s = self._recent(past)
         velocity = (recent[-1, :3, 3] - recent[0, :3, 3]) / duration_s
-        future = np.tile(recent[-1], (len(ahead_s), 1, 1))
-        future[:, :3, 3] += ahead_s * velocity
-        return future
+        futures = Hold().forecast(past, times_s, num_samples)
+        futures[..., :3, 3] += (times_s[:, None] - past.times_s[-1]) * velocity
+        return futures
 
 
 class ConstantTurn(_RecentMotion):
@@ -74,6 +64,14 @@ class ConstantTurn(_RecentMotion):
     The twist per second is the mean over the last `num_steps` steps, weighted by their duration.
     """
 
-    def _future(self, recent: FloatArray, duration_s: float, ahead_s: FloatArray) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
+        """Return futures [S, F, 4, 4], all equal."""
+        recent, duration_s = self._recent(past)
         twist_per_s = se3.log(se3.steps(recent)).sum(axis=0) / duration_s
-        return recent[-1] @ se3.exp(ahead_s * twist_per_s)
+        future = recent[-1] @ se3.exp((times_s[:, None] - past.times_s[-1]) * twist_per_s)
+        return np.tile(future, (num_samples, 1, 1, 1))

@@ -15,6 +15,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.linalg import block_diag
 
 from geovp_classic import files
+from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar
@@ -94,11 +95,10 @@ class KalmanForecaster(PlanarForecaster, abc.ABC):
     def modes(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
     ) -> Modes:
         """Return the mean and the covariance at every time, one mode per filter."""
-        filters = self._present(past, plane)
+        filters = self._present(past)
         means = []
         covariances = []
         for _, vehicle in filters:
@@ -113,15 +113,14 @@ class KalmanForecaster(PlanarForecaster, abc.ABC):
     def paths(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
         num_samples: int,
     ) -> FloatArray:
         """Return the mean [1, F, 3], or paths [S, F, 3] drawn from the beliefs and their noise."""
         if num_samples == 1:
-            weights, means, _ = self.modes(past, plane, ahead_s)
+            weights, means, _ = self.modes(past, ahead_s)
             return np.tensordot(weights, means, axes=1)[None]
-        filters = self._present(past, plane)
+        filters = self._present(past)
         rng = np.random.default_rng(self.seed)
         counts = rng.multinomial(num_samples, [weight for weight, _ in filters])
         paths = []
@@ -140,14 +139,10 @@ class KalmanForecaster(PlanarForecaster, abc.ABC):
         # The first samples, too, come from all filters.
         return rng.permutation(np.concatenate(paths))
 
-    def _present(
-        self,
-        past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
-    ) -> list[tuple[float, ExtendedFilter]]:
+    def _present(self, past: Trajectory) -> list[tuple[float, ExtendedFilter]]:
         """Return the filters at the last pose, whose plane and heading are the reference."""
         poses = past.world_from_cam
-        states = planar.reduce(poses, poses[-1], plane)
+        states = planar.reduce(poses, poses[-1], past_motion.vehicle_from_cam(past))
         states[:, 2] = np.unwrap(states[:, 2])
         states[:, 2] -= states[-1, 2]
         return self.filtered(states, past.times_s)

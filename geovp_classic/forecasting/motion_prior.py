@@ -22,11 +22,7 @@ from scipy.spatial.transform import Rotation
 from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
-from geovp_classic.forecasting.motion_network import (
-    MIRRORED_STATE,
-    Network,
-    PriorCoefficients,
-)
+from geovp_classic.forecasting.motion_network import MIRRORED_STATE, Network, PriorCoefficients
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -49,7 +45,6 @@ class MotionPrior(PlanarForecaster):
     def paths(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
         num_samples: int,
     ) -> FloatArray:
@@ -66,7 +61,6 @@ class MotionPrior(PlanarForecaster):
     def modes(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
     ) -> Modes:
         """Return the mixture; raise BadData for a single past pose."""

@@ -35,6 +35,8 @@ class PlanarForecast:
 
     def log_density(self, states: FloatArray) -> FloatArray:
         """Return the log density [N, F] per square metre and radian at states [N, F, 3]."""
+        # Whitened errors: with the covariance L L', the density of an error e is that of inv(L) e
+        # over the determinant of L
         error = states[None] - self.means[:, None]  # [K, N, F, 3]
         error[..., 2] = (error[..., 2] + np.pi) % (2 * np.pi) - np.pi
         root = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
@@ -42,7 +44,7 @@ class PlanarForecast:
         log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
         log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
-        # A mode may have become so unlikely that its weight is 0
+        # The mixture of the modes; one may have become so unlikely that its weight is 0
         log_weights = np.log(np.maximum(self.weights, np.finfo(float).tiny))
         return logsumexp(log_densities + log_weights[:, None, None], axis=0)
 
@@ -71,7 +73,6 @@ class PlanarForecaster(abc.ABC):
     def paths(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
         num_samples: int,
     ) -> FloatArray:
@@ -81,7 +82,6 @@ class PlanarForecaster(abc.ABC):
     def modes(
         self,
         past: Trajectory,
-        plane: FloatArray,  # [4, 4], vehicle_from_cam
         ahead_s: FloatArray,  # [F]
     ) -> Modes:
         """Return the weights, means [K, F, 3] and covariances [K, F, 3, 3] of a mixture."""
@@ -96,7 +96,7 @@ class PlanarForecaster(abc.ABC):
         ahead_s = times_s - past.times_s[-1]
         metric, metres_per_unit = past_motion.in_metres(past)
         plane = past_motion.vehicle_from_cam(metric)
-        paths = self.paths(metric, plane, ahead_s, num_samples)
+        paths = self.paths(metric, ahead_s, num_samples)
         futures = planar.lift(paths, metric.world_from_cam[-1], plane)
         if self.body_motion is not None:
             futures = self.body_motion.added_to(futures, metric, times_s)
@@ -112,7 +112,7 @@ class PlanarForecaster(abc.ABC):
         ahead_s = times_s - past.times_s[-1]
         metric, metres_per_unit = past_motion.in_metres(past)
         plane = past_motion.vehicle_from_cam(metric)
-        modes = self.modes(metric, plane, ahead_s)
+        modes = self.modes(metric, ahead_s)
         body = None
         if self.body_motion is not None and len(past) > 1:
             body = self.body_motion.distribution(metric, times_s)

@@ -68,8 +68,7 @@ class Selected:
     # poses from which a candidate forecasts; chosen on 16 field videos among 4, 5 and 6
     min_past: int = 5
     num_cuts: int = 4  # ends of such a past, evenly spaced; at least two poses follow each
-    # Depth of the scene as the path of so many seconds, where it is unknown: 9 m for a car in
-    # town, 1.5 m for a walker
+    # Depth of the scene as the path of so many seconds: 9 m for a car in town, 1.5 m for a walker
     depth_s: float = 1.0
     max_error_rad: float = 0.3  # images further apart have nothing in common
     ahead_ratio: float = 0.5  # effect of a metre ahead to a metre aside, half-way to the border
@@ -92,36 +91,30 @@ class Selected:
         """Return futures [S, F, 4, 4] of the selected candidate."""
         return self.select(past).forecast(past, times_s, num_samples)
 
-    def select(
-        self,
-        past: Trajectory,
-        scene_depth: float | None = None,  # in the unit of the past; None: from the path's length
-    ) -> Forecaster:
+    def select(self, past: Trajectory) -> Forecaster:
         """Return the prior where it applies and is not clearly worse, or the best candidate."""
-        is_driving = self.prior is not None and self.driving.passes(past)
+        # A vehicle's prior applies to vehicles alone; a short past tests no forecaster
+        prior = self.prior if self.driving.passes(past) else None
         default = self.candidates[0]
         if len(past) < self.min_past + 2:
-            return self.prior if self.prior is not None and is_driving else default
-        errors = [self.hindcast_error(each, past, scene_depth) for each in self.candidates]
+            return prior or default
+        # The prior stays unless the best candidate is clearly better, and so does the default
+        errors = [self.hindcast_error(each, past) for each in self.candidates]
         best = int(np.argmin(errors))
-        if self.prior is not None and is_driving:
-            prior_error = self.hindcast_error(self.prior, past, scene_depth)
+        if prior is not None:
+            prior_error = self.hindcast_error(prior, past)
             if errors[best] >= self.prior_ratio * prior_error - self.negligible_rad:
-                return self.prior
+                return prior
         if errors[best] >= self.default_ratio * errors[0]:
             return default
         return self.candidates[best]
 
-    def hindcast_error(
-        self,
-        forecaster: Forecaster,
-        past: Trajectory,
-        scene_depth: float | None = None,  # in the unit of the past; None: from the path's length
-    ) -> float:
+    def hindcast_error(self, forecaster: Forecaster, past: Trajectory) -> float:
         """Return the mean error, in radians of the image, of forecasts of the past's own end."""
-        if scene_depth is None:
-            length = se3.step_lengths(past.world_from_cam).sum()
-            scene_depth = length / (past.times_s[-1] - past.times_s[0]) * self.depth_s
+        # Depth turns an error of position into an angle
+        length = se3.step_lengths(past.world_from_cam).sum()
+        scene_depth = length / (past.times_s[-1] - past.times_s[0]) * self.depth_s
+        # Forecast the rest of the past from several cuts of it
         cuts = np.linspace(self.min_past, len(past) - 2, self.num_cuts).round().astype(int)
         means = []
         for cut in np.unique(cuts):

@@ -1,6 +1,5 @@
 """Odometry for the past, a forecaster for the future."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from geovp_classic.forecasting.motion_prior import MotionPrior
@@ -8,13 +7,7 @@ from geovp_classic.forecasting.selected import Selected
 from geovp_classic.interfaces import Forecaster, Odometry
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded_past import RecordedPast
-from geovp_classic.types import (
-    Context,
-    FloatArray,
-    Motion,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Context, Motion, PrivilegedInput
 
 
 @dataclass(frozen=True)
@@ -35,25 +28,20 @@ class Chained:
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the tracked past and its forecast; one sample if all samples are equal."""
         past, tracked = self.odometry.track(context.only(self.odometry.needs))
-        times_s = context.times_s[context.num_past :]
         # Which forecaster is used is part of the result
         forecaster = self.forecaster
         if isinstance(forecaster, Selected):
             forecaster = forecaster.select(past)
-        futures = forecaster.forecast(past, times_s, num_samples)
+        futures = forecaster.forecast(past, context.future_s, num_samples)
         if (futures == futures[0]).all():
             futures = futures[:1]
         return Motion(past, futures, tracked, forecaster)
 
 
-class ContinuedRecording(ABC):
-    """Pose source that continues the recorded past with its own `forecast`."""
+class ContinuedRecording(Forecaster):
+    """Pose source that continues the recorded past with the `forecast` of another base class."""
 
     needs = PrivilegedInput.PAST_POSES
-
-    @abstractmethod
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
-        """Return futures [S, F, 4, 4], which a subclass forecasts."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and its continuation; raise Incompatible without poses."""

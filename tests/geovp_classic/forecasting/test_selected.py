@@ -103,11 +103,3 @@ def test_a_short_past_is_forecast_by_the_default() -> None:
 
 def test_the_prior_can_be_switched_off() -> None:
     assert not isinstance(Selected(prior=None).select(CAR[:10]), MotionPrior)
-
-
-def test_a_scene_depth_weighs_translation_against_rotation() -> None:
-    """With a scene far away, an error of position does not move the image."""
-    whole = CAMERAS["drone"][:10]
-    near = Selected().hindcast_error(Hold(), whole, scene_depth=10.0)
-    far = Selected().hindcast_error(Hold(), whole, scene_depth=1e6)
-    assert far < 0.5 * near
