@@ -34,7 +34,7 @@ import importlib, pkgutil
 for package in ("geovp_classic", "geovp_benchmarks"):
     found = pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}.")
     for name in (module.name for module in found):
-        if not name.endswith((".__main__", ".volume", ".volume_fusion", ".server")):
+        if not name.endswith((".__main__", ".volume_fusion", ".server")):
             importlib.import_module(name)
 print(sum(name.startswith("geovp_") for name in sys.modules))
 """

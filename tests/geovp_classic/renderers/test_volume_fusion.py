@@ -5,8 +5,7 @@ import pytest
 
 from geovp_classic.depth.given import Given
 from geovp_classic.inpainters.blank import Blank
-from geovp_classic.renderers.volume_fusion import VolumeFusion
-from geovp_classic.rendering.volume import close_gaps
+from geovp_classic.renderers.volume_fusion import VolumeFusion, close_gaps
 from geovp_classic.types import Context, FloatArray, Trajectory, Views
 from tests.geovp_classic.rendering.wall import CAMERA, at, past_of, wall
 
