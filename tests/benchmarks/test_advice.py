@@ -112,4 +112,3 @@ def test_the_doctor_takes_the_settings_that_it_advises(tmp_path: Path, command: 
 
 def test_other_commands_keep_the_names_of_tables() -> None:
     assert spelled("give image_topic", options_of("poses")) == "give image_topic"
-    assert cli.COMMANDS

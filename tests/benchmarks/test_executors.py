@@ -14,7 +14,6 @@ import pytest
 
 from geovp_benchmarks.running import executors
 from geovp_classic.errors import BadData
-from tests.benchmarks.made import STILL, content, go, rows
 
 distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
 
@@ -78,15 +77,3 @@ def test_workers_divide_cores_and_gpus(
         "1" if kind == "dask" else str(max(1, (os.cpu_count() or 1) // 2))
     }
     assert sorted(gpu for _, gpu in of_process.values()) == ["3", "5"]
-
-
-def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(
-    scheduler: str, tmp_path: Path, toys: Path
-) -> None:
-    tables = content(predictors={"noise": {"name": "toy-noise", "num_samples": 2}, **STILL})
-    found = []
-    for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
-        methods = go(tmp_path / name, tables, executor)
-        found.append([row for method in methods for row in rows(tmp_path / name, method)])
-    assert found[0] == found[1]
-    assert len(found[0]) == 5 * 2 * (2 + 1)

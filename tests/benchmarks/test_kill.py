@@ -74,12 +74,13 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path, print
         assert process.wait() == -signal.SIGKILL
     done = sum(path.stat().st_size > 0 for path in (killed / "out").glob("*/scores/part-*.parquet"))
     assert 4 <= done < 15, "killed in the middle: 3 methods of 5 files each"
-    scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
-    scratch.write_bytes(b"half a file that a kill left behind")
-    os.utime(scratch, (0, 0))  # of long ago: another run may be writing newer ones
+    scratch = [killed / "out/slow/scores/.part-4.parquet.1.part", killed / "out/clips/.b.1.part"]
+    for path in scratch:
+        path.write_bytes(b"half a file that a kill left behind")
+        os.utime(path, (0, 0))  # of long ago: another run may be writing newer ones
     assert begin(killed, toys, sleep_s=0.5).wait() == 0
     printed("run", matrix(whole, 0.0), "--out", whole / "out", "--no-report")
-    assert not scratch.exists()
+    assert not any(path.exists() for path in scratch)
     for method in METHODS:
         resumed = rows(killed / "out", method)
         assert resumed == rows(whole / "out", method)
@@ -165,6 +166,7 @@ def test_a_clip_that_cannot_be_read_fails_and_the_others_are_computed(tmp_path: 
     assert {clip: each.reason for clip, each in method.scored.failures.items()} == {
         "road/002": "road/002.png is truncated: fetch it again"
     }
+    assert method.num_outdated == 0  # it is not of other code
     assert {row["clip"] for row in rows(tmp_path, "still")} == {"road/000", "road/001", "road/003"}
 
 

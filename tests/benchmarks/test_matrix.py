@@ -24,10 +24,6 @@ def content(**tables: Any) -> dict[str, Any]:
     return {"protocol": dict(PROTOCOL), "predictors": {"copy": {"name": "copy-last"}}, **tables}
 
 
-def changed(key: str, value: object) -> dict[str, Any]:
-    return content(protocol={**PROTOCOL, key: value})
-
-
 def test_every_pose_source_meets_every_renderer_in_the_order_of_the_file() -> None:
     sources = {"b": {"name": "ground-truth"}, "a": "stand-still"}
     renderers = {"r": {"name": "ground-far-plane"}, "q": {"name": "depth-fusion"}}
@@ -78,12 +74,7 @@ def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.Mon
             "the matrix file has an unknown key 'predictor': did you mean 'predictors'",
         ),
         (
-            changed("num_pats", 3),
-            "unknown key 'num_pats': did you mean 'num_past'",
-        ),
-        (changed("device", "gpu"), "device is 'gpu', .*cuda"),
-        (
-            changed("dataset", {"name": "kitti", "stride": 2}),
+            content(protocol={**PROTOCOL, "dataset": {"name": "kitti", "stride": 2}}),
             "which the harness sets",
         ),
         (content(metrics={"frame": "psnr"}), "expected a list such as"),

@@ -118,16 +118,6 @@ def test_pipes_devices_and_folders_are_no_files(street: Path, refused: Says) -> 
     assert "4.png cannot be read (Too many levels of symbolic links)" in refused(*run(street))
 
 
-def test_a_clip_that_cannot_be_read_is_not_one_of_other_code(
-    street: Path, command: Command
-) -> None:
-    (street.parent / "images/5.png").write_bytes(b"half")
-    ended = command(*run(street))
-    assert ended.code == 1
-    assert "copy-last: 1 of 3 clips could not be predicted" in ended.out
-    assert "version of the code" not in ended.out + ended.err
-
-
 def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
     """A file may have 3 kB: protocol.json fits, a kept clip of 15 kB does not."""
     command = f"{sys.executable} -m geovp_benchmarks.cli run {street} --out {street.parent}/out"
@@ -195,14 +185,3 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
         assert f"{path} was damaged: it is set aside" in caplog.text
         assert path.with_name(f"{path.name}.damaged").exists()
     assert rows(out, "copy-last") == before
-
-
-def test_scratch_files_of_killed_runs_are_removed(street: Path, printed: Says) -> None:
-    out = street.parent / "out"
-    left = [out / "copy-last/scores/.a.1.part", out / "clips/.b.1.part"]
-    for path in left:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(b"half")
-        os.utime(path, (0, 0))  # of long ago
-    printed(*run(street))
-    assert not any(path.exists() for path in left)

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,6 @@ from geovp_classic.renderers.ground_far_plane import GroundFarPlane
 from geovp_classic.types import (
     Context,
     FloatArray,
-    Intrinsics,
     Motion,
     Prediction,
     PrivilegedInput,
@@ -127,51 +127,38 @@ class Speechless:
 
 
 @dataclass(frozen=True)
-class Biased(GroundFarPlane):
-    """A renderer with frames that are brighter by ten times a number."""
+class Altered(GroundFarPlane):
+    """A renderer whose views are changed, given their times."""
 
-    by: Literal["number of poses", "previous time", "nothing"] = "nothing"
-
-    def reconstruct(self, context: Context, past: Trajectory) -> Any:
-        scene = super().reconstruct(context, past)
-        by = self.by
-
-        class BiasedScene:
-            def view(
-                self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
-            ) -> Views:
-                views = scene.view(world_from_cam, times_s, intrinsics)
-                row = np.arange(len(times_s))
-                bias = {
-                    "number of poses": np.full(len(row), len(row)),
-                    "previous time": np.rint(10 * times_s[np.maximum(row - 1, 0)]),
-                    "nothing": 0 * row,
-                }[by]
-                frames = views.frames + 10.0 * bias[:, None, None, None]
-                return replace(views, frames=np.clip(frames, 0, 255).astype(np.uint8))
-
-        return BiasedScene()
-
-
-@dataclass(frozen=True)
-class Mirror(GroundFarPlane):
-    """A renderer that reports all as covered, or shows the mirror image of its scene."""
-
-    is_mirrored: bool = False
+    change: Callable[[Views, FloatArray], Views] = lambda views, times_s: views
 
     def reconstruct(self, context: Context, past: Trajectory) -> Any:
-        scene, is_mirrored = super().reconstruct(context, past), self.is_mirrored
+        scene, change = super().reconstruct(context, past), self.change
+        return SimpleNamespace(
+            view=lambda poses, times_s, camera: change(scene.view(poses, times_s, camera), times_s)
+        )
 
-        class MirrorScene:
-            def view(
-                self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
-            ) -> Views:
-                views = scene.view(world_from_cam, times_s, intrinsics)
-                if is_mirrored:
-                    return replace(views, frames=views.frames[:, :, ::-1].copy())
-                return replace(views, covered=np.ones_like(views.covered))
 
-        return MirrorScene()
+def brighter(views: Views, by: FloatArray) -> Views:
+    """Add ten grey levels times a number [F]."""
+    frames = views.frames + 10.0 * by[:, None, None, None]
+    return replace(views, frames=np.clip(frames, 0, 255).astype(np.uint8))
+
+
+def by_number_of_poses(views: Views, times_s: FloatArray) -> Views:
+    return brighter(views, np.full(len(times_s), len(times_s)))
+
+
+def by_previous_time(views: Views, times_s: FloatArray) -> Views:
+    return brighter(views, np.rint(10 * np.append(times_s[:1], times_s[:-1])))
+
+
+def all_covered(views: Views, times_s: FloatArray) -> Views:
+    return replace(views, covered=np.ones_like(views.covered))
+
+
+def mirrored(views: Views, times_s: FloatArray) -> Views:
+    return replace(views, frames=views.frames[:, :, ::-1].copy())
 
 
 STATIONARY = "accepts or refuses a stationary camera"
@@ -198,15 +185,25 @@ INDEPENDENT = "renders each view from its own pose and time alone"
             "noise or a stationary camera is better",
         ),
         ("renderers", Speechless(), "has the methods of its interface", "lacks needs, reconstruct"),
-        ("renderers", Mirror(), "covers nothing behind the first camera", "100 % of the view"),
         (
             "renderers",
-            Mirror(is_mirrored=True),
+            Altered(change=all_covered),
+            "covers nothing behind the first camera",
+            "100 % of the view",
+        ),
+        (
+            "renderers",
+            Altered(change=mirrored),
             "shows the last frame from its pose",
             "mirror images are as near",
         ),
-        ("renderers", Biased(by="number of poses"), INDEPENDENT, "its own pose and time alone"),
-        ("renderers", Biased(by="previous time"), INDEPENDENT, "its own pose and time alone"),
+        (
+            "renderers",
+            Altered(change=by_number_of_poses),
+            INDEPENDENT,
+            "its own pose and time alone",
+        ),
+        ("renderers", Altered(change=by_previous_time), INDEPENDENT, "its own pose and time alone"),
     ],
     ids=lambda part: type(part).__name__ if not isinstance(part, str) else part.split(" ")[0],
 )
@@ -215,7 +212,7 @@ def test_a_broken_promise_is_found(role: str, component: Any, promise: str, deta
 
 
 def test_a_scene_of_independent_views_keeps_all_promises() -> None:
-    assert broken("renderers", Biased(by="nothing")) == {}
+    assert broken("renderers", Altered()) == {}
 
 
 def test_refusing_a_clip_keeps_the_promise() -> None:

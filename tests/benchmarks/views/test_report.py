@@ -101,7 +101,6 @@ def test_names_and_reasons_are_shown_and_never_run(page: str) -> None:
         "<i>odd</i>",
     ):
         assert shown in text
-    assert page.count("<script>") == 1  # ours
     for raw in ("<script>alert", "<i>odd", "<b>bold", "<x>", "<val>"):
         assert raw not in page
     assert "a/b[0:9) <x> & $y" in text
