@@ -23,7 +23,6 @@ from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
 MPEG4_FRAME = b"\0\0\1\xb6"  # start code of a video object plane
-MAX_EMPTY_BYTES = 20  # of a packet that may hold a plane without pixels, as FFmpeg's MAX_NVOP_SIZE
 CAPTURE_RATE = "com.android.capture.fps"
 CACHE_BYTES = 256 * files.MIB
 MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
@@ -185,7 +184,8 @@ class VideoFrames:
                 continue
             if self._decoder.name == "mpeg4":
                 count = bytes(packet).count(MPEG4_FRAME)
-                is_irregular |= count > 1 or packet.size < MAX_EMPTY_BYTES
+                # a plane without pixels has up to 19 bytes (MAX_NVOP_SIZE of FFmpeg)
+                is_irregular |= count > 1 or packet.size < 20
             # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
             if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
                 whole.append(packet.pts)
@@ -212,8 +212,9 @@ class VideoFrames:
             self._restart()
             decoded = self._decode_rest()
         if self._is_counted:
-            is_known = [self._has_times or stamp is not None for stamp in decoded.values()]
-            whole = list(itertools.compress(decoded, is_known))
+            whole = [
+                tick for tick, stamp in decoded.items() if self._has_times or stamp is not None
+            ]
         ticks = [tick for tick in whole if start <= tick < last_key or tick in decoded]
         if not ticks:
             raise ValueError("no whole frame can be decoded")

@@ -133,11 +133,12 @@ def sequence_folders(
 ) -> dict[str, Path]:
     """Return the sequences of a root by name: the root itself, else those in it.
 
-    BadData if there is none.
+    BadData if there is none. Folders that cannot be read are ignored, as lost+found of a disk.
     """
     if is_sequence(root):
         return {root.resolve().name: root}
-    folders = {path.name: path for path in sorted(root.glob("*")) if is_sequence(path)}
+    paths = [path for path in sorted(root.glob("*")) if path.is_file() or os.access(path, os.R_OK)]
+    folders = {path.name: path for path in paths if is_sequence(path)}
     if not folders:
         raise BadData(
             f"{root} does not exist or holds no sequence: give {expected}, or a folder of several"

@@ -1,5 +1,7 @@
 """A folder of images or a video becomes clips with the user's camera, times and poses."""
 
+import os
+import shutil
 from pathlib import Path
 
 import cv2
@@ -136,8 +138,12 @@ def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
             folder(path)
 
 
-def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None:
+def test_folders_in_a_folder_are_sequences(
+    images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Sequence b 2 has 8 images at 5 Hz, the drive of the fixture 12 at 10 Hz, texts has none."""
+    shutil.copytree(images, tmp_path / "lost+found")  # which cannot be read
+    monkeypatch.setattr(os, "access", lambda path, _: path.name != "lost+found")
     (tmp_path / "b 2").mkdir()
     (tmp_path / "texts").mkdir()
     for number in range(8):
