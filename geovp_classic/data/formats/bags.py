@@ -273,7 +273,7 @@ def stamp_ns(message: Any, recorded_ns: int) -> int:
 def pose_of(message: Any) -> FloatArray | None:
     """Return parent_from_child [4, 4] of a pose or transform.
 
-    None without a rotation: trackers that are lost give a quaternion of zeros.
+    None without a rotation or a position: trackers that are lost give zeros or NaN.
     """
     value = getattr(message, "transform", None) or message.pose
     value = getattr(value, "pose", value)  # next to a covariance
@@ -282,5 +282,6 @@ def pose_of(message: Any) -> FloatArray | None:
     numbers = [getattr(position, axis) for axis in "xyz"]
     numbers += [getattr(turn, axis) for axis in "xyzw"]
     with contextlib.suppress(BadData):
-        return pose_of_quaternion(np.array([0.0, *numbers]))
+        if np.isfinite(numbers).all():
+            return pose_of_quaternion(np.array([0.0, *numbers]))
     return None

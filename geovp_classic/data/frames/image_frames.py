@@ -260,11 +260,7 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
                 f"{folder} holds no image called {name_pattern}: give another name_pattern"
             )
     series = Counter(series_name(path.name) for path in paths)
-    if (
-        name_pattern is None
-        and any("*" in name for name in series)
-        and len(series) > max(8, len(paths) / 2)
-    ):
+    if name_pattern is None and sum("*" in name for name in series) > 3 + len(paths) / 2:
         raise BadData(
             f"{folder} holds {paths[0].name} to {paths[-1].name}, whose names have no common form: "
             'number the images, or give name_pattern = "*" for this order'

@@ -23,7 +23,6 @@ from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS: raw streams, for which FFmpeg invents a rate
 MPEG4_FRAME = b"\0\0\1\xb6"  # start code of a video object plane
-CAPTURE_RATE = "com.android.capture.fps"
 CACHE_BYTES = 256 * files.MIB
 MIN_STEP_S = 1e-4  # cameras take up to some thousand frames per second; headers may state more
 
@@ -249,8 +248,9 @@ class VideoFrames:
         times_s: FloatArray = np.cumsum([0.0, *steps]) * unit_s
         # Slow motion and time lapse state the rate of recording, other videos the nominal one
         with contextlib.suppress(ValueError):
-            ratio = float(self._container.metadata.get(CAPTURE_RATE, "nan")) * usual * unit_s
-            if not 1 / 1.5 < ratio < 1.5 and 1e-3 < ratio < 1e3:
+            filmed_hz = float(self._container.metadata.get("com.android.capture.fps", "nan"))
+            ratio = filmed_hz * usual * unit_s
+            if not 0.7 < ratio < 1.5 and 1e-3 < ratio < 1e3:
                 return times_s / ratio
         return times_s
 

@@ -134,14 +134,15 @@ def test_compressed_images_without_stamps_in_any_order(tmp_path: Path, stamp_ns:
 
 
 def test_poses_are_interpolated_but_not_across_gaps(tmp_path: Path) -> None:
-    """Poses 50 ms after each image, without the one after the sixth."""
+    """Poses 50 ms after each image, the one after the sixth NaN, as of a tracker that is lost."""
     clip = street.clip(20)
     made = Messages(is_ros1=True)
     messages = bag_files.messages_of(made, clip, without("/odometry", "/tf"))
     for step, pose in enumerate(clip.trajectory.world_from_cam):
-        if step != 5:
-            time_ns = START_NS + step * 100_000_000 + 50_000_000
-            messages.append(("/slam", time_ns, made.pose(time_ns, "map", pose)))
+        time_ns = START_NS + step * 100_000_000 + 50_000_000
+        shift = np.zeros((4, 4))
+        shift[0, 3] = np.nan if step == 5 else 0.0
+        messages.append(("/slam", time_ns, made.pose(time_ns, "map", pose + shift)))
     bag_files.write_messages(tmp_path / "run.bag", made, messages)
     poses = RosBag(tmp_path, **CUT, max_gap_s=0.15).scan(tmp_path / "run.bag", RAISE).world_from_cam
     assert np.flatnonzero(np.isnan(poses[:, 0, 0])).tolist() == [0, 5, 6]
