@@ -90,7 +90,7 @@ class TestDryRun:
     ) -> None:
         printed(*run(tmp_path, "--limit", "2"))  # two clips a file
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
-        text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
+        text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-picky"))
         assert "predictions: 11 to do, 4 stored" in text  # 3 clips in 2 rows, 5 in the new one
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 

@@ -122,7 +122,7 @@ class TestAgain:
 @pytest.mark.usefixtures("toys")
 class TestFailures:
     def test_a_failure_is_recorded_and_the_matrix_goes_on(self, tmp_path: Path) -> None:
-        names = ("broken", "misfit", "small", "needless", "uninstalled", "still")
+        names = ("broken", "picky", "small", "needless", "uninstalled", "still")
         methods = go(
             tmp_path, content(predictors={name: {"name": f"toy-{name}"} for name in names})
         )
@@ -136,7 +136,7 @@ class TestFailures:
         ]
         assert methods["broken"].reason == "ZeroDivisionError: the road ended"
         assert "the road ended" in methods["broken"].traceback
-        assert methods["misfit"].reason == "misfits need a square road: give one"
+        assert methods["picky"].reason == "picky needs a dark road: give one"
         assert (
             methods["small"].reason
             == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
@@ -229,7 +229,7 @@ class TestFailures:
         table = {"name": "toy-broken", "brightness": 255, "log": str(log)}
         go(tmp_path, content(predictors={name: table}), keep="all")
         before = rows(tmp_path, name)
-        misfit = content(predictors={name: {"name": "toy-misfit", "log": str(log)}})
+        misfit = content(predictors={name: {"name": "toy-picky", "log": str(log)}})
         for _ in range(2):
             assert go(tmp_path, misfit, keep="all")[name].status == "skipped"
             results = Results(tmp_path)

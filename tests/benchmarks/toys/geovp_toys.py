@@ -216,21 +216,13 @@ class Needless:
 
 @dataclass(frozen=True)
 class Picky(Broken):
-    """Does not suit such a clip."""
+    """Does not suit such a clip; by default no clip at all."""
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         try:
             return super().predict(context, num_samples)
         except ZeroDivisionError:
             raise Incompatible("picky needs a dark road: give one") from None
-
-
-@dataclass(frozen=True)
-class Misfit(Still):
-    """Never suits the clip."""
-
-    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        raise Incompatible("misfits need a square road: give one")
 
 
 @dataclass(frozen=True)
