@@ -142,15 +142,19 @@ class Results:
         """Return the hash of the content of each clip; empty in results of earlier versions."""
         return self.protocol().get("digests", {}) if self.begun else {}
 
-    def scores(self, method: str) -> Scores:
-        """Return all scores of the protocol's clips; raise BadData if a score file is damaged."""
-        return self._scores_of(method)
+    def scores(self, method: str, *steps: int) -> Scores:
+        """Return all scores of the protocol's clips, or their means from one step to another.
+
+        Raise BadData if a score file is damaged.
+        """
+        self._require_whole(method)
+        return self.select()._all_scores(*steps).get(method, Scores(self.protocol()["clips"], {}))
 
     def means(
         self, method: str, first_step: int = 1, last_step: int | None = None
     ) -> dict[str, FloatArray]:
         """Return means over all or some steps [N, S] of the protocol's clips by metric."""
-        scores = self._scores_of(method, first_step, last_step or 10**6)
+        scores = self.scores(method, first_step, last_step or 10**6)
         return {metric: values[..., 0] for metric, values in scores.values.items()}
 
     def export(self, path: Path, kind: str) -> None:
@@ -170,10 +174,6 @@ class Results:
         for path in self._score_files.damaged:
             if path.parent in (self.root / "scores", self.root / method / "scores"):
                 raise BadData(f"{path} is damaged: `geovp run` sets it aside and computes it again")
-
-    def _scores_of(self, method: str, *steps: int) -> Scores:
-        self._require_whole(method)
-        return self.select()._all_scores(*steps).get(method, Scores(self.protocol()["clips"], {}))
 
     @_remembered
     def _all_scores(self, *steps: int) -> dict[str, Scores]:

@@ -45,13 +45,11 @@ def results_lock(root: Path, abandoned_s: float = 3600.0) -> Iterator[None]:
         lock.release()
 
 
-def run(
-    plan: Plan, executor: Executor, interval_s: float = 2.0, limit: TimeLimit | None = None
-) -> list[Method]:
+def run(plan: Plan, executor: Executor, limit: TimeLimit | None = None) -> list[Method]:
     """Compute missing and outdated scores, and return all methods.
 
-    Scores are written at intervals and at the end. A clip that ends its process or exceeds the time
-    limit is recorded as failed. Raises BadData if the matrix, the data set or the folder is
+    Scores are written every two seconds and at the end. A clip that ends its process or exceeds the
+    time limit is recorded as failed. Raises BadData if the matrix, the data set or the folder is
     unsuitable.
     """
     # DuckDB would turn an interrupt of the main thread into an error of its own
@@ -68,7 +66,7 @@ def run(
         written_s = 0.0
         try:
             prepare = partial(load, plan.matrix_json)
-            for results in completed(executor, score_clip, tasks, limit, interval_s, prepare):
+            for results in completed(executor, score_clip, tasks, limit, prepare=prepare):
                 for task, outcome in results:
                     if isinstance(outcome, Lost):
                         logger.warning("clip %s: %s", task.clip, outcome)
@@ -82,7 +80,7 @@ def run(
                     announce(f"after {task.clip}")  # other processes do not announce their steps
                     logger.info("clip %s: done", task.clip)
                 report(num_done, num_missing)
-                if time.monotonic() - written_s >= interval_s:
+                if time.monotonic() - written_s >= 2.0:
                     writer.submit(plan.results.write_scores, batch).result()
                     batch = []
                     written_s = time.monotonic()
