@@ -123,9 +123,10 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
     for number, handler in handlers.items():
         if handler != signal.SIG_IGN:  # as in the background of a shell
             signal.signal(number, interrupt)
+    code = 2
     with messages(args.quiet, args.verbose):
         try:
-            return print_lines(args)
+            code = print_lines(args)
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
             message = spelled(str(error), args.options)
@@ -138,21 +139,19 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
         except KeyboardInterrupt:
             logger.error("interrupted: finished work is kept, rerun to continue")
-            if words is None:  # Python may end an interrupted process by the signal SIGINT
-                for stream in (sys.stdout, sys.stderr):
-                    flush_or_discard(stream)
-                os._exit(130)
-            return 130
+            code = 130
         except OSError as error:
             place = error.filename or "a file"
             advice = "fix the path or make room and rerun, finished work is kept"
             logger.error(f"{error.strerror or error}: {place}: {advice}")
         finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
             for stream in (sys.stdout, sys.stderr):
                 flush_or_discard(stream)
-        return 2
+            if code == 130 and words is None:  # Python may end such a process by a signal
+                os._exit(code)
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+    return code
 
 
 def interrupt_once(grace_s: float = 10.0) -> Callable[..., None]:
