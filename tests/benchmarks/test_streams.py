@@ -60,9 +60,8 @@ def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
     assert geovp("run matrix.toml --out results --no-report", ">/dev/full", folder) == 2
 
 
-@pytest.mark.parametrize("streams", ["2>&-", "2>&1 | head -1"])
-def test_a_clip_is_predicted_although_nobody_reads(streams: str, folder: Path) -> None:
-    assert geovp(PREDICT, streams, folder) == 0
+def test_a_clip_is_predicted_although_nobody_reads(folder: Path) -> None:
+    assert geovp(PREDICT, "2>&-", folder) == 0
     assert any((folder / "predicted").iterdir())
 
 

@@ -79,11 +79,12 @@ class TestReproduction:
     def test_what_is_never_the_same_twice_is_named(
         self, tmp_path: Path, verified: Verified
     ) -> None:
-        go(tmp_path, content({"clips": 1}, predictors={"dice": "toy-dice", "still": "toy-still"}))
-        code, (dice, still, last) = verified(tmp_path)
+        dice = {"name": "toy-noise", "seed": "none"}
+        go(tmp_path, content({"clips": 1}, predictors={"dice": dice, "still": "toy-still"}))
+        code, (line, still, last) = verified(tmp_path)
         assert (code, still, last) == (1, "still, road/000: identical", "1 of 2 reproduce")
-        assert dice.startswith("dice, road/000: differs: toy-difference ")
-        assert dice.endswith(
+        assert line.startswith("dice, road/000: differs: toy-difference ")
+        assert line.endswith(
             " grey levels; not deterministic: two computations here differ as well"
         )
 

@@ -157,25 +157,14 @@ class Fallback(Still):
 
 @dataclass(frozen=True)
 class Noise:
-    """Random frames, the same for the same seed."""
+    """Random frames, the same for the same seed; without one, nobody knows them before."""
 
-    seed: int = 0
+    seed: int | None = 0
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         shape = (num_samples, context.num_future, *context.frames.shape[1:])
         return Prediction(np.random.default_rng(self.seed).integers(0, 256, shape, dtype=np.uint8))
-
-
-@dataclass(frozen=True)
-class Dice(Still):
-    """Frames of a grey level that nobody knows before."""
-
-    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        noise = np.random.default_rng().integers(
-            0, 256, (1, context.num_future, *context.frames.shape[1:])
-        )
-        return Prediction(noise.astype(np.uint8))
 
 
 @dataclass(frozen=True)
@@ -223,14 +212,6 @@ class Picky(Broken):
             return super().predict(context, num_samples)
         except ZeroDivisionError:
             raise Incompatible("picky needs a dark road: give one") from None
-
-
-@dataclass(frozen=True)
-class Small(Still):
-    """Frames of another size than asked for."""
-
-    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        return Prediction(np.zeros((1, context.num_future, 2, 2, 3), np.uint8))
 
 
 @dataclass(frozen=True)
