@@ -166,16 +166,18 @@ def _match_band(
             # Long baselines are compared at each plane.
             scores = np.zeros(shape, np.float32)
             _add_plane(scorer, source_from_band[plane], ~is_short, scores)
-            _write_mean_costs(
-                scores,
-                before,
-                after,
-                np.float32((plane - block) / short_stride),
-                max_cost,
-                unseen_costs,
-                near_costs[plane],
-                costs[plane],
-            )
+            weight = np.float32((plane - block) / short_stride)  # of `after`
+            for row in range(num_rows):
+                for x in range(width):
+                    # Short baselines, interpolated between two planes, and long ones.
+                    score = before[0, row, x]
+                    score += weight * (after[0, row, x] - score) + scores[0, row, x]
+                    count = before[1, row, x]
+                    count += weight * (after[1, row, x] - count) + scores[1, row, x]
+                    # The mean over the sources that see the pixel; without any, a neutral cost.
+                    cost = max_cost * score / max(count, np.float32(1e-6))
+                    mean = np.uint8(cost) if count > 0 else unseen_costs[row, x]
+                    costs[plane, row, x] = mean + near_costs[plane]
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -253,31 +255,6 @@ def _warp(
             upper = top_left + fraction_u[x] * (top_right - top_left)
             lower = bottom_left + fraction_u[x] * (bottom_right - bottom_left)
             warped[row, x] = upper + fraction_v[x] * (lower - upper)
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _write_mean_costs(
-    scores: FloatArray,  # [2, R, W]
-    before: FloatArray,  # [2, R, W], of short baselines on the planes around this one
-    after: FloatArray,  # [2, R, W]
-    weight: np.float32,  # of the plane after this one
-    max_cost: np.float32,
-    unseen_costs: CostArray,  # [R, W]
-    near_cost: np.uint8,
-    costs: CostArray,  # [R, W], written
-) -> None:
-    """Write the mean costs of the sources that see a pixel."""
-    for row in range(costs.shape[0]):
-        for x in range(costs.shape[1]):
-            # Short baselines, interpolated between two planes, and long ones.
-            score = before[0, row, x]
-            score += weight * (after[0, row, x] - score) + scores[0, row, x]
-            count = before[1, row, x]
-            count += weight * (after[1, row, x] - count) + scores[1, row, x]
-            # The mean over the sources that see the pixel; without any, a neutral cost.
-            cost = max_cost * score / max(count, np.float32(1e-6))
-            mean = np.uint8(cost) if count > 0 else unseen_costs[row, x]
-            costs[row, x] = mean + near_cost
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from geovp_classic import observation
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.bundle_adjustment import AnchoredAdjustment
 from geovp_classic.geometry.optical_flow import track_points
-from geovp_classic.observation import ImageStream
+from geovp_classic.observation import ImageStream, observations_of, stream_needs
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -210,11 +209,11 @@ class Registration:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the uncropped frames if they are used, else nothing."""
-        return observation.stream_needs(self.frames)
+        return stream_needs(self.frames)
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
-        observed = observation.observations_of(context, self.frames)
+        observed = observations_of(context, self.frames)
         steps = np.flatnonzero(observed.is_usable)[-self.num_frames :]
         given = motion.past.world_from_cam
         adjusted = self.registration.register(

@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geovp_classic import observation
-from geovp_classic.observation import ImageStream
+from geovp_classic.observation import ImageStream, future_greys, observations_of, stream_needs
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.pose_sources.ground_truth import GroundTruth
@@ -26,7 +25,7 @@ class Registered:
     def needs(self) -> PrivilegedInput:
         """Return all poses and future images, and the uncropped frames if they are used."""
         poses = GroundTruth.needs | PrivilegedInput.FUTURE_FRAMES
-        return poses | observation.stream_needs(self.frames)
+        return poses | stream_needs(self.frames)
 
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
@@ -35,9 +34,9 @@ class Registered:
         The last observed pose stays, and so do poses of unusable frames.
         """
         recorded = GroundTruth().estimate(context)
-        observed = observation.observations_of(context, self.frames)
-        future_greys = observation.future_greys(context, self.frames)
-        images = np.concatenate([observed.greys[observed.is_usable], future_greys])
+        observed = observations_of(context, self.frames)
+        past_greys = observed.greys[observed.is_usable]
+        images = np.concatenate([past_greys, future_greys(context, self.frames)])
         poses = recorded.past.world_from_cam.copy()
         last = int(observed.is_usable.sum()) - 1
         adjusted = self.registration.register(

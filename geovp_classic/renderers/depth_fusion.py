@@ -8,8 +8,7 @@ from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
 from geovp_classic.layers.ground import GroundFit
 from geovp_classic.layers.moving_regions import MovingRegions
-from geovp_classic.observation import ImageStream, observations_of, stream_needs
-from geovp_classic.observation import recent as recent_frames
+from geovp_classic.observation import ImageStream, observations_of, recent, stream_needs
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import fusion
 from geovp_classic.rendering.exposure import ExposedScene, ExposureControl, ExposureEstimator
@@ -72,13 +71,13 @@ class DepthFusion:
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Return the fused cloud of the last frames, in the world frame and unit of the past."""
-        recent, past = recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
+        context, past = recent(context.only(self.needs), past, self.frames, self.num_frames)
         last_s = float(past.times_s[-1])
 
-        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
-        observed = observations_of(recent, "crop")
+        inverse_depths, confidence = self.depth.inverse_depths(context, past)
+        observed = observations_of(context, "crop")
         exposure = self.exposure_estimator.estimate(
-            observed.greys, recent.intrinsics, past, inverse_depths[-1]
+            observed.greys, context.intrinsics, past, inverse_depths[-1]
         )
 
         # One cloud of all frames, each with its own image.
@@ -92,14 +91,14 @@ class DepthFusion:
             ground = self.ground.inverse_depths(inverse_depths[-1], confidence[-1])
         if self.moving is not None:
             patches = self.moving.detect(
-                observed.greys, past, recent.intrinsics, inverse_depths[-1], ground
+                observed.greys, past, context.intrinsics, inverse_depths[-1], ground
             )
         for patch in patches:
             is_known[-1] &= ~patch.mask
         # Uncropped frames are rendered at their own resolution.
-        frames = recent.frames if recent.full is None else recent.full.frames
+        frames = context.frames if context.full is None else context.full.frames
         sources = [
-            Source(frame, recent.intrinsics, pose)
+            Source(frame, context.intrinsics, pose)
             for frame, pose in zip(frames, past.world_from_cam, strict=True)
         ]
         cloud, used = fusion.fuse(

@@ -18,8 +18,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter
-from geovp_classic.observation import observations_of
-from geovp_classic.observation import recent as recent_frames
+from geovp_classic.observation import observations_of, recent
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
@@ -188,16 +187,16 @@ class VolumeFusion:
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> "VolumeScene":
         """Return the volume of the last frames, in the world frame and the unit of the past."""
-        recent, past = recent_frames(context.only(self.needs), past, "crop", self.num_frames)
-        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        context, past = recent(context.only(self.needs), past, "crop", self.num_frames)
+        inverse_depths, confidence = self.depth.inverse_depths(context, past)
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
-        is_known &= ~observations_of(recent, "crop").mask
+        is_known &= ~observations_of(context, "crop").mask
         poses = past.world_from_cam
         volume = self.volume.integrate(
-            recent.frames, inverse_depths, is_known, recent.intrinsics, poses
+            context.frames, inverse_depths, is_known, context.intrinsics, poses
         )
-        last = Source(recent.frames[-1], recent.intrinsics, poses[-1])
+        last = Source(context.frames[-1], context.intrinsics, poses[-1])
         return VolumeScene(volume, last, inverse_depths[-1].astype(np.float32), self)
 
 
@@ -229,9 +228,17 @@ class VolumeScene:
         is_solid = np.isfinite(inverse_depth)
         # Pixels without a surface may lie on the far plane.
         shown_inverse_depth = np.where(is_solid, inverse_depth, 0)
-        last_colours, is_shown, is_beyond = self._from_last(
-            shown_inverse_depth, world_from_cam, camera
+        # Where the last frame shows the surfaces: neither outside of its image, nor behind its own
+        # surfaces. Its own ones may lie beyond the volume.
+        last_colours, is_inside, pixels, ratio = warp(
+            self.last, shown_inverse_depth, world_from_cam, camera
         )
+        u, v = cv2.split(pixels)
+        recorded = cv2.remap(self.last_inverse_depth, u, v, cv2.INTER_NEAREST)
+        seen_from_last = shown_inverse_depth / np.where(is_inside, ratio, 1)
+        is_in_front = seen_from_last >= recorded * (1 - self.renderer.max_depth_difference)
+        is_shown = is_inside & (is_in_front | (shown_inverse_depth == 0))
+        is_beyond = recorded * self.volume.unit * self.volume.settings.reach <= 1
         # The last frame has the sharpest colours; voxels show what it does not.
         is_last = is_shown & (is_solid | is_beyond)
         is_voxel = is_solid & (colours > 0).any(axis=-1)
@@ -240,29 +247,6 @@ class VolumeScene:
         frame[is_last] = last_colours[is_last]
         frame[~covered] = 0
         return frame, covered, patches.depths(shown_inverse_depth, covered)
-
-    def _from_last(
-        self,
-        inverse_depth: FloatArray,
-        world_from_cam: FloatArray,
-        camera: Intrinsics,
-    ) -> tuple[ByteArray, BoolArray, BoolArray]:
-        """Sample the last frame for surfaces at the view's inverse depth [H, W].
-
-        Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither outside
-        its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
-        """
-        colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
-        u, v = cv2.split(pixels)
-        recorded = cv2.remap(self.last_inverse_depth, u, v, cv2.INTER_NEAREST)
-        seen_from_last = inverse_depth / np.where(is_inside, ratio, 1)
-        is_in_front = seen_from_last >= recorded * (1 - self.renderer.max_depth_difference)
-        is_beyond = recorded * self.volume.unit * self.volume.settings.reach <= 1
-        return (
-            colours,
-            is_inside & (is_in_front | (inverse_depth == 0)),
-            is_beyond,
-        )
 
 
 def close_gaps(

@@ -57,18 +57,18 @@ class LayeredScene:
         # The plane at this depth of the last camera (Hartley & Zisserman 2004, eq. 13.2).
         plane = cam_from_last[:3, :3].copy()
         plane[:, 2] += patch.inverse_depth * cam_from_last[:3, 3]
-        view_from_last = camera.matrix @ plane @ np.linalg.inv(self.last.camera.matrix)
+        ray_from_last = np.linalg.inv(self.last.camera.matrix)
+        view_from_last = camera.matrix @ plane @ ray_from_last
         rows, columns = np.nonzero(patch.mask)
-        scale = plane[2] @ np.linalg.inv(self.last.camera.matrix) @ [columns.mean(), rows.mean(), 1]
+        scale = plane[2] @ ray_from_last @ [columns.mean(), rows.mean(), 1]
         if scale < 0.05:  # behind the camera, or twenty times as large
             return None
-        image = self.last.frame
         per_px = 1 / self.last.resolution
         resolution = np.array(
             [[per_px, 0, per_px / 2 - 0.5], [0, per_px, per_px / 2 - 0.5], [0, 0, 1]]
         )
         warped = cv2.warpPerspective(
-            image,
+            self.last.frame,
             view_from_last @ resolution,
             camera.size_px,
             flags=cv2.INTER_CUBIC,
