@@ -7,7 +7,6 @@ from geovp_classic.observation.observe import (
     future_greys,
     observations_of,
     recent,
-    scene_window_of,
     stream_needs,
 )
 
@@ -18,6 +17,5 @@ __all__ = [
     "future_greys",
     "observations_of",
     "recent",
-    "scene_window_of",
     "stream_needs",
 ]

@@ -228,11 +228,6 @@ def recent(
     return recent.observed(steps), past[steps]
 
 
-def scene_window_of(greys: ByteArray) -> Window:
-    """Return the rows and columns of grey images [P, H, W] that show the scene."""
-    return scene_window(Observer().scene(greys)[0])
-
-
 def _greys(frames: Iterable[ByteArray]) -> ByteArray:
     """Return the grey images [N, H, W] of frames [H, W, 3]."""
     return np.stack([pinhole.grey8(frame) for frame in frames])

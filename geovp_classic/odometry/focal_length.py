@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geovp_classic.geometry.bundle_adjustment import adjust_focal
-from geovp_classic.observation import scene_window_of
+from geovp_classic.observation import Observer
+from geovp_classic.observation.scene_mask import scene_window
 from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, Intrinsics
@@ -87,7 +88,8 @@ class FocalLengthEstimator:
     def _root(self, greys: Sequence[ByteArray]) -> tuple[float, float] | None:
         """Return the logarithm of the focal length with a step of zero, and its deviation."""
         height_px, width_px = greys[0].shape
-        window = scene_window_of(np.stack(greys))  # without the ego vehicle
+        mask, _ = Observer().scene(np.stack(greys))
+        window = scene_window(mask)  # without the ego vehicle
         greys = [grey[window] for grey in greys]
         corners = parallel_map(self.tracking.corners.detect, greys)
         images = list(map(Image, greys, corners, range(len(greys))))

@@ -29,11 +29,6 @@ class TrackedImages:
         return float(se3.step_lengths(self.world_from_cam).sum())
 
     @property
-    def duration_s(self) -> float:
-        """Return the time from the first to the last image."""
-        return float(self.times_s[-1] - self.times_s[0])
-
-    @property
     def pitch_rad(self) -> float:
         """Return the mean angle of the viewing axis above the direction of travel."""
         steps = se3.steps(self.world_from_cam)
@@ -99,7 +94,8 @@ class SegmentScale:
         If nothing was measured, a speed may be assumed, which is that of the longest segment.
         """
         segment = localised.select(localised.in_longest_segment)
-        self.estimator.finalize(segment.length, segment.duration_s)
+        duration_s = float(segment.times_s[-1] - segment.times_s[0])
+        self.estimator.finalize(segment.length, duration_s)
         # Forget the updates that the estimator has forgotten, which are the first ones
         num_remembered = len(self.estimator.units)
         del self._updates[: len(self._updates) - num_remembered]

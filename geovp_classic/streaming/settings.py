@@ -1,6 +1,6 @@
 """Components and limits of a live predictor."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
@@ -18,7 +18,7 @@ class LiveSettings:
     """Components, which are those of the batch pipeline, and when a prediction is not trusted."""
 
     # Its scale is replaced by `UnitSpeed` where the camera's height is unknown.
-    odometry: Monocular = field(default_factory=lambda: Monocular(GroundPlane(max_pairs=60)))
+    odometry: Monocular = Monocular(GroundPlane(max_pairs=60))
     # Two ends of the past decide as four do, in half of the time.
     forecaster: Forecaster = Selected(num_cuts=2)
     # 64 planes instead of 96 take less time; with three sources instead of four, views of val
