@@ -55,10 +55,10 @@ class Observer:
     masking: SceneMasking = SceneMasking()
     # None: no pixels are taken for camera-fixed.
     camera_fixed: CameraFixedDetection | None = CameraFixedDetection()
-    # Image file, nonzero where no scene is shown. It is of the uncropped frames if the clip has
-    # them, else of the frames, in any size.
-    mask: Path | None = None
-    # whether the file adds to the detected camera-fixed pixels or replaces them
+    # Image file or array [H, W], nonzero where no scene is shown. It is of the uncropped frames if
+    # the clip has them, else of the frames, in any size.
+    mask: Path | BoolArray | None = None
+    # whether it adds to the detected camera-fixed pixels or replaces them
     mask_mode: Literal["add", "replace"] = "add"
     # Of the height and the width that the mask must leave free. Set by hand.
     min_scene_fraction: float = 0.25
@@ -76,7 +76,9 @@ class Observer:
         full = context.full
         whole = (full or context).intrinsics
         drawn = np.zeros((whole.height_px, whole.width_px), bool)
-        if self.mask is not None:
+        if isinstance(self.mask, np.ndarray):
+            drawn = pinhole.resize_mask(self.mask, whole.size_px)
+        elif self.mask is not None:
             drawn = read_mask(self.mask, whole.height_px, whole.width_px)
         greys = _greys(context.frames)
         mask, is_usable = self.scene(greys)

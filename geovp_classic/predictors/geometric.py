@@ -59,11 +59,14 @@ class GeometricPredictor:
         """Return the scene with the verdict of the hindcast on what is to be shown."""
         if self.hindcast is None:
             return scene
-        # The poses are known: their forecast and the scene are tested
-        source = self.pose_source
+        # The poses are known: their forecast and the scene are tested. So is the scene mask: in a
+        # part of the frames, the road of a straight drive may look fixed to the camera
+        source, observer = self.pose_source, self.observer
         if motion.forecaster is not None:
             source = Chained(RecordedPast(), motion.forecaster)
-        tested = replace(self, pose_source=source, hindcast=None)
+        if scene.context.full is None:
+            observer = replace(observer, mask=scene.mask, mask_mode="replace")
+        tested = replace(self, pose_source=source, observer=observer, hindcast=None)
         verdict = self.hindcast.judge(tested, scene.context, scene.mask)
         return replace(scene, image_motion=self.hindcast.image_motion, verdict=verdict)
 

@@ -9,6 +9,8 @@ import pytest
 
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import pinhole
+from geovp_classic.observation import Observer
+from geovp_classic.observation.camera_fixed import CameraFixedDetection
 from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.ground_truth import GroundTruth
@@ -17,6 +19,7 @@ from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.predictors.hindcast import Hindcast, ShownScene, Verdict
 from geovp_classic.types import (
     BoolArray,
+    ByteArray,
     Clip,
     Context,
     FloatArray,
@@ -236,3 +239,28 @@ def test_the_hindcast_forecasts_the_tracked_past() -> None:
     prediction = GeometricPredictor(source, Wall(), hindcast=HINDCAST).predict(context)
     assert odometry.count == 1
     assert prediction.shown_by == "geometry"
+
+
+class Hasty(CameraFixedDetection):
+    """A detection that takes a corner of few frames for camera-fixed."""
+
+    def detect(self, greys: ByteArray) -> BoolArray:
+        mask = np.zeros(greys.shape[1:], bool)
+        mask[:10, :10] = len(greys) < NUM_PAST
+        return mask
+
+
+def test_the_hindcast_has_the_mask_of_all_frames() -> None:
+    """On the highway, the road of a fifth of a second looked fixed to the camera."""
+    masked: list[int] = []
+
+    class Seen(Wall):
+        def reconstruct(self, context: Context, past: Trajectory) -> Wall:
+            assert context.observations is not None
+            masked.append(int(context.observations.mask.sum()))
+            return self
+
+    context, _ = clip().split(NUM_PAST, GroundTruth.needs)
+    observer = Observer(camera_fixed=Hasty())
+    GeometricPredictor(GroundTruth(), Seen(), observer, HINDCAST).predict(context)
+    assert masked == [0, 0]  # of six frames, and of three
