@@ -214,6 +214,7 @@ def test_a_wrong_command_line_is_2(words: str, capsys: pytest.CaptureFixture[str
         ("run x.toml --limit 1.5", "'1.5' is not a whole number from 1 to"),
         ("predict x --size 5xa", "'a' is not a whole number from 1 to"),
         ("predict x --fov wide", "'wide' is not a number from 1 to 179"),
+        ("predict x --fov 180", "'180' is not a number from 1 to 179"),
         ("run x.toml --shard 3", "'3' is not I/N, such as 3/64"),
     ],
 )

@@ -132,7 +132,6 @@ class TestSession:
 
     def test_a_car_ahead_is_marked_on_request(self) -> None:
         clip = Synthetic(num_clips=14, num_frames=13, size_px=(192, 192))[13]
-        assert clip.moving is not None
         recording = Recording(
             clip.name,
             Frames(clip.frames),
@@ -309,6 +308,8 @@ def test_settings_of_the_input_are_used(tmp_path: Path) -> None:
             messages.append(("/deep/image_raw", recorded_ns, made.image(time_ns, deep, "mono16")))
             messages.append(("/deep/camera_info", recorded_ns, made.info(time_ns, CLIP)))
     bag = bag_files.write_messages(tmp_path / "two", made, messages)
+    with pytest.raises(BadData, match="give image_topic, one of /cam/image_raw, /deep/image_raw"):
+        Source.open(PredictionRequest(bag))
     with pytest.raises(BadData, match="set image_bits"):
         Source.open(PredictionRequest(bag, image_topic="/deep/image_raw"))
     source = Source.open(PredictionRequest(bag, image_topic="/deep/image_raw", image_bits=12))

@@ -9,6 +9,7 @@ import pytest
 
 from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.data.recordings import splits
+from geovp_classic.data.recordings.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 
@@ -60,6 +61,7 @@ def test_full_and_right_frames_are_optional(kitti_root: Path) -> None:
 
 def test_ranges_limit_the_clips(kitti_root: Path, tmp_path: Path) -> None:
     data = kitti(kitti_root, sequences=("00[2:8)", "01"), stride=2)
+    assert data.ranges == (FrameRange("00", 2, 8), FrameRange("01", 0, 12))
     assert data.clip_names[:3] == ("00/000002", "00/000004", "01/000000")
     assert data.split_hash == splits.content_hash(data.ranges)
     (tmp_path / "mine.toml").write_text('ranges = ["01[0:4)"]')

@@ -1,8 +1,9 @@
 """TUM RGB-D, EuRoC and COLMAP give the clips that the files were written from."""
 
 import pickle
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -233,11 +234,19 @@ def test_damaged_files_of_euroc_are_named(
             Euroc(tmp_path, **CUT)
 
 
+def test_euroc_has_times_in_nanoseconds(tmp_path: Path, write_euroc: Write, street: Clip) -> None:
+    path = write_euroc(tmp_path, "MH", street) / "mav0/cam0/data.csv"
+    path.write_text(re.sub(r"\d{3},", ",", path.read_text()))
+    with pytest.raises(BadData, match="is 100000, as of times in us: give times in ns"):
+        Euroc(tmp_path, **CUT)
+
+
+@pytest.mark.parametrize("posed", [[6], range(0, 12, 2)])
 def test_poses_without_two_images_in_a_row_are_an_error(
-    tmp_path: Path, write_colmap: Write, street: Clip
+    posed: Sequence[int], tmp_path: Path, write_colmap: Write, street: Clip
 ) -> None:
-    """Each second image has a pose: no clip can be cut."""
-    write_colmap(tmp_path, "a", street, lost=range(1, 12, 2))
+    """One image has a pose, or each second one: no clip can be cut."""
+    write_colmap(tmp_path, "a", street, lost=set(range(12)) - set(posed))
     findings = Doctor().examine(tmp_path).findings
     (error,) = [each.message for each in findings if each.severity == "error"]
     assert error.startswith("has no two images in a row with poses")

@@ -36,6 +36,8 @@ def test_the_hash_follows_from_the_ranges_alone(tmp_path: Path) -> None:
     for name in ("test", str(path)):
         assert splits.content_hash(splits.load(name)) == digest
     assert splits.content_hash(splits.load("test")[:1]) != digest
+    for name, first in (("train", "2cc28c37"), ("train-2026-10", "79a30f3d")):  # of model cards
+        assert splits.content_hash(splits.load(name)).startswith(first)
 
 
 @pytest.mark.parametrize(
