@@ -21,9 +21,9 @@ def views_of(depths: FloatArray, covered: FloatArray | None = None) -> Views:
     return Views(frames, depths > 0 if covered is None else covered, depths.astype(np.float32))
 
 
-def model_of(depths: FloatArray, covered: FloatArray | None = None) -> pycolmap.Reconstruction:
+def model_of(depths: FloatArray) -> pycolmap.Reconstruction:
     poses = POSES[: len(depths)]
-    return build_model(CAMERA, ["a.png", "b.png"][: len(depths)], poses, views_of(depths, covered))
+    return build_model(CAMERA, ["a.png", "b.png"][: len(depths)], poses, views_of(depths))
 
 
 def test_sky_and_uncovered_pixels_give_no_points_and_double_points_are_merged() -> None:

@@ -8,6 +8,7 @@ from geovp_classic.depth.matching import WindowCorrelation
 from geovp_classic.types import ByteArray, FloatArray
 
 MATCHING = WindowCorrelation()
+ASIDE = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])  # a homography
 
 
 @pytest.fixture
@@ -76,8 +77,7 @@ def test_bands_leave_no_seam(images: ByteArray) -> None:
 
 
 def test_points_that_no_source_sees_have_a_neutral_cost(images: ByteArray) -> None:
-    aside = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])
-    costs, is_seen = MATCHING.costs(images[0], images[1:2], aside, np.ones((1, 3)), np.zeros(1))
+    costs, is_seen = MATCHING.costs(images[0], images[1:2], ASIDE, np.ones((1, 3)), np.zeros(1))
     assert ((costs >= 123) & (costs <= 125)).all()  # half of 247, and a little for the noise
     assert not is_seen.any()
     _, is_seen = MATCHING.costs(
@@ -89,6 +89,5 @@ def test_points_that_no_source_sees_have_a_neutral_cost(images: ByteArray) -> No
 def test_windows_without_texture_do_not_prefer_planes_that_no_source_sees() -> None:
     """Such windows match nothing, at 247; at less they would be near wherever that is unseen."""
     flat = np.full((1, 16, 16), 100, np.uint8)
-    aside = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])
-    costs, _ = MATCHING.costs(flat[0], flat, aside, np.ones((1, 3)), np.array([0.0]))
+    costs, _ = MATCHING.costs(flat[0], flat, ASIDE, np.ones((1, 3)), np.array([0.0]))
     assert (costs == 247).all()

@@ -11,11 +11,11 @@ from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
 
-def circle_pose(angle_rad: FloatArray, radius_m: float = 10.0) -> FloatArray:
-    """Return a camera on a right-hand circle; at angle 0 it is at the origin and looks along z."""
+def circle_pose(angle_rad: FloatArray) -> FloatArray:
+    """Return a camera on a right-hand circle of 10 m; at angle 0 it is at the origin and looks along z."""
     zero = np.zeros_like(angle_rad)
     rotation = se3.exp(np.stack([zero, zero, zero, zero, angle_rad, zero], axis=-1))[..., :3, :3]
-    position = radius_m * np.stack([1 - np.cos(angle_rad), zero, np.sin(angle_rad)], axis=-1)
+    position = 10.0 * np.stack([1 - np.cos(angle_rad), zero, np.sin(angle_rad)], axis=-1)
     return se3.compose(rotation, position)
 
 

@@ -17,19 +17,17 @@ ALL = [TurnRateKalman(), AccelerationKalman(), Interacting()]
 STEP_S = 0.1
 
 
-def circle(
-    speed_m_s: float, turn_rad_s: float, num_steps: int, first_yaw_rad: float = 0.0
-) -> FloatArray:
+def circle(speed_m_s: float, turn_rad_s: float, num_steps: int) -> FloatArray:
     """Return poses [T, 4, 4] of a camera ahead of a rear axle that drives a level circle."""
     twist = np.array([0, 0, speed_m_s, 0, turn_rad_s, 0]) * STEP_S
-    start = se3.exp(np.array([2.0, 0, 5, 0, first_yaw_rad, 0]))
+    start = se3.exp(np.array([2.0, 0, 5, 0, 0, 0]))
     lever_arm = np.array([0, 0, fitted("turn-rate").lever_arm_m])
     axle_from_cam = se3.compose(np.eye(3), lever_arm)
     return start @ se3.exp(np.outer(np.arange(num_steps), twist)) @ axle_from_cam
 
 
-def past_of(poses: FloatArray, is_metric: bool = True) -> Trajectory:
-    return Trajectory(poses, np.arange(len(poses)) * STEP_S, is_metric)
+def past_of(poses: FloatArray) -> Trajectory:
+    return Trajectory(poses, np.arange(len(poses)) * STEP_S, is_metric=True)
 
 
 @pytest.mark.parametrize("forecaster", ALL)

@@ -20,8 +20,8 @@ def drive(
     return Trajectory(se3.exp(times_s[:, None] * twist), times_s, is_metric)
 
 
-def ahead_of(past: Trajectory, num_steps: int = 20) -> FloatArray:
-    return past.times_s[-1] + STEP_S * np.arange(1, num_steps + 1)
+def ahead_of(past: Trajectory) -> FloatArray:
+    return past.times_s[-1] + STEP_S * np.arange(1, 21)
 
 
 def states_of(futures: FloatArray, past: Trajectory) -> FloatArray:

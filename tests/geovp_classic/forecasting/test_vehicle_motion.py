@@ -115,8 +115,12 @@ def test_a_past_without_metres_is_scaled_to_the_assumed_speed() -> None:
     assert past_motion.in_metres(drive([0, 0, 0, 0, 0, 0], np.arange(4) * 0.1, False))[1] == 1.0
 
 
+COVARIANCE = np.diag([4.0, 1.0, 0.01])  # of x, z and yaw
+LOG_DENSITY_AT_MEAN = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
+
+
 def mixture(weights: list[float], means: list[list[float]]) -> PlanarForecast:
-    covariances = np.tile(np.diag([4.0, 1.0, 0.01]), (len(weights), 1, 1, 1))
+    covariances = np.tile(COVARIANCE, (len(weights), 1, 1, 1))
     return PlanarForecast(
         np.array(weights), np.array(means)[:, None], covariances, np.eye(4), np.eye(4)
     )
@@ -124,21 +128,19 @@ def mixture(weights: list[float], means: list[list[float]]) -> PlanarForecast:
 
 def test_the_log_density_of_a_gaussian_with_wrapped_yaw() -> None:
     forecast = mixture([1.0], [[0, 10, np.pi - 0.01]])
-    at_mean = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
     states = np.array([[[0, 10, np.pi - 0.01]], [[2, 10, np.pi - 0.01]], [[0, 10, -np.pi + 0.09]]])
     # the second is one deviation (2 m) off, the third one of 0.1 rad across the seam
     np.testing.assert_allclose(
-        forecast.log_density(states)[:, 0], at_mean - np.array([0, 0.5, 0.5])
+        forecast.log_density(states)[:, 0], LOG_DENSITY_AT_MEAN - np.array([0, 0.5, 0.5])
     )
 
 
 def test_a_mode_without_weight_adds_nothing_to_the_density() -> None:
-    at_mean = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
     states = np.array([[[0.0, 10, 0]]])
     for weight in (0.0, 1e-320):  # the second one is denormal
         forecast = mixture([weight, 1.0], [[0, 10, 0], [2, 10, 0]])  # one deviation apart
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            np.testing.assert_allclose(forecast.log_density(states), at_mean - 0.5)
+            np.testing.assert_allclose(forecast.log_density(states), LOG_DENSITY_AT_MEAN - 0.5)
 
 
 def test_samples_come_from_both_modes_by_weight() -> None:

@@ -10,7 +10,7 @@ from tests.geovp_classic.odometry.known_points import CAMERA, path, project, sce
 
 def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -> None:
     points, poses, rng = scene(), path(5), np.random.default_rng(2)
-    pixels = np.stack([project(points, pose) for pose in poses])
+    pixels = project(points, poses)
     pixels[3, :40] = np.nan
     perturbed = poses.copy()
     perturbed[2:] = se3.exp(rng.normal(0, 0.01, (3, 6))) @ poses[2:]
@@ -24,7 +24,7 @@ def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -
 
 def test_bundle_adjustment_ignores_outliers() -> None:
     points, poses = scene(), path(4)
-    pixels = np.stack([project(points, pose) for pose in poses])
+    pixels = project(points, poses)
     pixels[2, :10] += 30
     adjusted, _ = bundle_adjust(poses, points, pixels, CAMERA)
     np.testing.assert_allclose(adjusted, poses, atol=5e-3)
@@ -32,7 +32,7 @@ def test_bundle_adjustment_ignores_outliers() -> None:
 
 def test_one_fixed_keyframe_keeps_the_length_of_a_baseline() -> None:
     points, poses = scene(), path(4)
-    pixels = np.stack([project(points, pose) for pose in poses])
+    pixels = project(points, poses)
     perturbed = poses.copy()
     perturbed[1:] = se3.exp(np.random.default_rng(3).normal(0, 0.003, (3, 6))) @ poses[1:]
     moved, _ = bundle_adjust(perturbed, points, pixels, CAMERA, num_fixed=1)
@@ -47,7 +47,7 @@ def test_given_poses_that_fit_stay_in_their_unit(unit: float) -> None:
     points = se3.transform(poses[0], points)
     given = poses @ se3.inverse(poses[0])
     rng = np.random.default_rng(4)
-    pixels = np.stack([project(points, pose) for pose in given])
+    pixels = project(points, given)
     pixels += rng.normal(0, 0.1, pixels.shape)
     given[:, :3, 3] *= unit
     moved = AnchoredAdjustment().adjust(given, unit * points, pixels, CAMERA)
@@ -61,7 +61,7 @@ def test_a_given_pose_that_the_images_contradict_is_corrected() -> None:
     points, poses = scene(), path(4)
     points = se3.transform(poses[0], points)
     truth = poses @ se3.inverse(poses[0])
-    pixels = np.stack([project(points, pose) for pose in truth])
+    pixels = project(points, truth)
     given = truth.copy()
     given[2] = se3.exp(np.array([0, 0, 0, 0, np.deg2rad(0.2), 0])) @ truth[2]
     moved = AnchoredAdjustment().adjust(given, points, pixels, CAMERA)

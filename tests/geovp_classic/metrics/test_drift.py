@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geovp_classic.data.formats import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.metrics import drift
@@ -29,11 +30,9 @@ def straight(steps: int, step_m: float = 1.0, yaw_rad: float = 0.0) -> Trajector
     return drive(np.tile([0, 0, step_m, 0, yaw_rad, 0], (steps, 1)))
 
 
-def wobbly(seed: int, steps: int = 60) -> Trajectory:
+def wobbly(seed: int) -> Trajectory:
     rng = np.random.default_rng(seed)
-    return drive(
-        rng.normal(size=(steps, 6)) * [0.1, 0.05, 0.2, 0.01, 0.05, 0.01] + [0, 0, 1, 0, 0, 0]
-    )
+    return drive(rng.normal(size=(60, 6)) * [0.1, 0.05, 0.2, 0.01, 0.05, 0.01] + [0, 0, 1, 0, 0, 0])
 
 
 def test_five_percent_too_fast_drifts_five_percent() -> None:
@@ -77,14 +76,6 @@ def test_unequal_lengths_are_refused() -> None:
         drift.relative_error(straight(3), straight(3), num_steps=4)
 
 
-def write_tum(path: Path, trajectory: Trajectory) -> None:
-    from scipy.spatial.transform import Rotation
-
-    quaternions = Rotation.from_matrix(trajectory.world_from_cam[:, :3, :3]).as_quat()
-    rows = np.column_stack([trajectory.times_s, trajectory.world_from_cam[:, :3, 3], quaternions])
-    np.savetxt(path, rows, fmt="%.12f")
-
-
 def evo(tool: str, folder: Path, *options: str) -> float:
     """The root mean square that evo finds for estimate.txt against truth.txt."""
     program = Path(sys.executable).with_name(tool)
@@ -114,8 +105,8 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
     noisy = wobbly(2).world_from_cam.copy()
     noisy[:, :3, 3] *= 1.3
     estimate = Trajectory(noisy, truth.times_s, False)
-    write_tum(tmp_path / "truth.txt", truth)
-    write_tum(tmp_path / "estimate.txt", estimate)
+    pose_files.write_tum(tmp_path / "truth.txt", truth)
+    pose_files.write_tum(tmp_path / "estimate.txt", estimate)
     for how, options in (
         ("origin", ["--align_origin"]),
         ("scale", ["--align_origin", "--correct_scale"]),

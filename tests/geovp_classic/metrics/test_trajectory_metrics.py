@@ -37,9 +37,9 @@ def trajectory(world_from_cam: FloatArray, is_metric: bool = True) -> Trajectory
     return Trajectory(world_from_cam, 0.1 * np.arange(1, len(world_from_cam) + 1), is_metric)
 
 
-def straight(speed: float, num_steps: int = 4, is_metric: bool = True) -> Trajectory:
+def straight(speed: float, is_metric: bool = True) -> Trajectory:
     """`speed` along z per step, starting at one step from the origin."""
-    centres = np.outer(np.arange(1, num_steps + 1), [0.0, 0.0, speed])
+    centres = np.outer(np.arange(1, 5), [0.0, 0.0, speed])
     return trajectory(se3.compose(np.eye(3), centres), is_metric)
 
 

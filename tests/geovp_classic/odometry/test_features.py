@@ -8,8 +8,8 @@ from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.types import ByteArray, FloatArray
 
 
-def speckle(seed: int = 0, size: tuple[int, int] = (180, 240)) -> ByteArray:
-    rng = np.random.default_rng(seed)
+def speckle(size: tuple[int, int] = (180, 240)) -> ByteArray:
+    rng = np.random.default_rng(0)
     image = cv2.GaussianBlur(rng.random(size, dtype=np.float32), (0, 0), 2.0)
     return cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 

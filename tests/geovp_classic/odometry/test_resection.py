@@ -13,9 +13,7 @@ TRUTH = se3.exp(np.array([0.2, -0.1, -1.5, 0.02, -0.05, 0.01]))
 
 
 def resect(points: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    result = Resection().resect(points, rays, np.eye(4), NOISE)
-    assert result is not None
-    return result
+    return Resection().resect(points, rays, np.eye(4), NOISE)
 
 
 def test_resection_from_a_poor_guess_is_exact_without_noise() -> None:

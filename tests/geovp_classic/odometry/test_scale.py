@@ -6,16 +6,10 @@ import pytest
 from geovp_classic import interfaces
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+from geovp_classic.odometry.ground_plane_scale import GroundPlane
+from geovp_classic.types import ByteArray, FloatArray
 from geovp_classic.types.speed_prior import SpeedPrior
 from tests.geovp_classic.odometry.corridor import CAMERA, STRAIGHT, drive
-
-
-def estimator_of(camera: Intrinsics) -> GroundPlaneEstimator:
-    estimator = GroundPlane().estimator(camera, 1.65)
-    assert isinstance(estimator, GroundPlaneEstimator)
-    return estimator
 
 
 def show(
@@ -31,7 +25,7 @@ def show(
 
 @pytest.mark.parametrize("unit_m", [0.1, 1.0, 3.0])
 def test_any_unit_is_estimated(unit_m: float) -> None:
-    estimator = estimator_of(CAMERA)
+    estimator = GroundPlane().estimator(CAMERA, 1.65)
     assert estimator.uncertainty == np.inf
     show(estimator, *STRAIGHT, unit_m)
     assert estimator.unit == pytest.approx(unit_m, rel=0.03)
@@ -42,7 +36,7 @@ def test_pitch_and_roll_are_estimated() -> None:
     tilt = np.radians(1.5)  # looking up
     ahead = [0, 0.5 * np.sin(tilt), 0.5 * np.cos(tilt), 0, 0, 0]
     frames, poses = drive(np.array([[0, 0, 0, tilt, 0, 0], *[ahead] * 9]))
-    estimator = estimator_of(CAMERA)
+    estimator = GroundPlane().estimator(CAMERA, 1.65)
     show(estimator, frames[1:], poses[1:])
     assert estimator.unit == pytest.approx(1.0, rel=0.03)
     assert np.degrees(estimator.pitch_rad) == pytest.approx(1.5, abs=0.5)
@@ -50,7 +44,7 @@ def test_pitch_and_roll_are_estimated() -> None:
 
 
 def test_a_restart_changes_the_unit_but_not_the_tilt() -> None:
-    estimator = estimator_of(CAMERA)
+    estimator = GroundPlane().estimator(CAMERA, 1.65)
     show(estimator, *STRAIGHT)
     pitch_rad = estimator.pitch_rad
     estimator.restart()
@@ -63,7 +57,7 @@ def test_a_restart_changes_the_unit_but_not_the_tilt() -> None:
 
 def test_a_blank_or_stationary_road_is_uninformative() -> None:
     frames, poses = STRAIGHT
-    estimator = estimator_of(CAMERA)
+    estimator = GroundPlane().estimator(CAMERA, 1.65)
     show(estimator, np.full_like(frames, 90), poses)
     show(estimator, frames, np.tile(np.eye(4), (len(poses), 1, 1)))
     assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
@@ -71,7 +65,7 @@ def test_a_blank_or_stationary_road_is_uninformative() -> None:
 
 def test_the_unit_is_followed_when_the_map_drifts() -> None:
     frames, poses = STRAIGHT
-    estimator = estimator_of(CAMERA)
+    estimator = GroundPlane().estimator(CAMERA, 1.65)
     units_m = np.geomspace(1.0, 1.5, 12)
     for unit_m in units_m:
         show(estimator, frames, poses, unit_m)
@@ -88,7 +82,7 @@ def test_without_a_road_the_prior_is_assumed() -> None:
     estimator.finalize(length=4.0, duration_s=0.9)
     assert estimator.unit == pytest.approx(8.0 * 0.9 / 4.0)  # 7.2 m for 4 units
     assert estimator.uncertainty == pytest.approx(0.4)
-    measured = estimator_of(CAMERA)
+    measured = GroundPlane().estimator(CAMERA, 1.65)
     show(measured, *STRAIGHT)
     result = (measured.unit, measured.uncertainty)
     measured.finalize(length=4.0, duration_s=0.9)

@@ -51,11 +51,10 @@ def render(
     world: Street,
     times_s: FloatArray = np.zeros(1),  # noqa: B008
     camera: Intrinsics = CAMERA,
-    world_from_cam: FloatArray = UP_1M,
     optics: Optics = CLEAN,
 ) -> Rendering:
     """Render a world from one camera pose."""
-    poses = np.repeat(world_from_cam[None], len(times_s), axis=0)
+    poses = np.repeat(UP_1M[None], len(times_s), axis=0)
     return render_drive(world, poses, camera, times_s, optics)
 
 
