@@ -24,14 +24,12 @@ HALF = 0.5
 DIGEST = 24
 
 
-def seed_weights(module: nn.Module, variance: float = 2.0, dropped: str = "no such tensor") -> None:
+def seed_weights(module: nn.Module, variance: float = 2.0) -> None:
     """Fill the floating-point tensors of a module in the order of its state dict; the n-th is drawn
     with seed n: matrices with the variance `variance` / inputs, others around 0, or 1 for gains and variances.
     """
     tensors = {
-        name: tensor
-        for name, tensor in module.state_dict().items()
-        if tensor.is_floating_point() and dropped not in name
+        name: tensor for name, tensor in module.state_dict().items() if tensor.is_floating_point()
     }
     for seed, (name, tensor) in enumerate(tensors.items()):
         drawn = torch.from_numpy(np.random.default_rng(seed).standard_normal(tensor.shape))
@@ -60,6 +58,10 @@ def _iterate_power(tensors: dict[str, Tensor], name: str) -> None:
 
 def random_images(*shape: int) -> Tensor:
     return torch.from_numpy(np.random.default_rng(1234).random(shape)).float()
+
+
+def numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
 
 
 def digest(tensor: Tensor) -> list[float]:

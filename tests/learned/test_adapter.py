@@ -18,6 +18,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput
 from geovp_learned.adapter import TorchPredictor
 
+CONTEXT, _ = street.clip().split(7, PrivilegedInput.NONE)
+
 
 class Darker(nn.Module):
     """Two more images, each with half the light of the one before, and noise."""
@@ -40,38 +42,35 @@ class Dusk(TorchPredictor):
 
 
 def test_a_network_goes_on_from_its_own_images_as_long_as_is_asked_for() -> None:
-    context, _ = street.clip().split(7, PrivilegedInput.NONE)
-    frames = Dusk().predict(context).frames  # three steps from a network that makes two at a time
-    assert frames.shape == (1, 3, *context.frames.shape[1:])
+    frames = Dusk().predict(CONTEXT).frames  # three steps from a network that makes two at a time
+    assert frames.shape == (1, 3, *CONTEXT.frames.shape[1:])
     for step, frame in enumerate(frames[0], 1):
-        np.testing.assert_allclose(frame, context.frames[-1] / 2**step, atol=0.51)
+        np.testing.assert_allclose(frame, CONTEXT.frames[-1] / 2**step, atol=0.51)
 
 
 def test_samples_differ_and_the_first_do_not_depend_on_how_many_follow() -> None:
-    context, _ = street.clip().split(7, PrivilegedInput.NONE)
     torch.manual_seed(5)
     expected = torch.rand(1)
     torch.manual_seed(5)
-    three, one = (Dusk(noise=0.1, num_past=2).predict(context, count).frames for count in (3, 1))
+    three, one = (Dusk(noise=0.1, num_past=2).predict(CONTEXT, count).frames for count in (3, 1))
     assert torch.equal(torch.rand(1), expected)  # the caller's random numbers go on as they were
     np.testing.assert_array_equal(three[:1], one)
     assert not np.array_equal(three[0], three[1])
-    assert not np.array_equal(one, Dusk(noise=0.1, num_past=2, seed=1).predict(context).frames)
+    assert not np.array_equal(one, Dusk(noise=0.1, num_past=2, seed=1).predict(CONTEXT).frames)
 
 
 @pytest.mark.parametrize("suffix", ["safetensors", "pt"])
 def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
-    context, _ = street.clip().split(7, PrivilegedInput.NONE)
     file, state = tmp_path / f"weights.{suffix}", {"share": torch.tensor(1.0)}
     save_file(state, file) if suffix == "safetensors" else torch.save(state, file)
     predictor = Dusk(checkpoint=file)
-    np.testing.assert_array_equal(predictor.predict(context).frames[0, 2], context.frames[-1])
+    np.testing.assert_array_equal(predictor.predict(CONTEXT).frames[0, 2], CONTEXT.frames[-1])
     assert len(predictor.fingerprint) == 12
     with pytest.raises(BadData, match="expected 123456789abc: give the weights that are asked for"):
         Dusk(checkpoint=file, fingerprint="123456789abc")
     file.write_bytes(b"nothing of use")
     with pytest.raises(BadData, match=r"is not a state dict|is not a whole safetensors file"):
-        Dusk(checkpoint=file).predict(context)
+        Dusk(checkpoint=file).predict(CONTEXT)
 
 
 def test_it_keeps_the_contract_and_joins_a_matrix(

@@ -11,33 +11,25 @@ import torch
 from geovp_classic.errors import BadData
 from geovp_learned.deepvo.network import Architecture, PoseNetwork, encoder
 from geovp_learned.deepvo.train import DeepVoTraining
-from tests.learned.originals import digest, random_images, seed_weights
+from tests.learned.originals import digest, numbers, random_images, seed_weights
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
 
 
-def network(architecture: Architecture = TINY) -> PoseNetwork:
-    torch.manual_seed(0)
-    return PoseNetwork(architecture).eval()
-
-
-def images(num_past: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(1, num_past, 3, 64, 64, generator=torch.Generator().manual_seed(seed))
-
-
 def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
-    net = network(replace(TINY, decoder_start="poses"))
+    torch.manual_seed(0)
+    net = PoseNetwork(replace(TINY, decoder_start="poses")).eval()
     past = torch.tensor([[[0.0, 1.0, 0.01], [0.0, 1.0, 0.02]]])
     state = (torch.rand(1, 1, 12), torch.rand(1, 1, 12))
-    torch.testing.assert_close(
-        net.future(state, past, 3), net.future((2 * state[0], state[1]), past, 3)
-    )
-    assert not torch.allclose(net.future(state, past, 3), net.future(state, 2 * past, 3))
+    future = net.future(state, past, 3)
+    torch.testing.assert_close(future, net.future((2 * state[0], state[1]), past, 3))
+    assert not torch.allclose(future, net.future(state, 2 * past, 3))
 
 
-FEATURES = [0.081241, 0.131702, 0.023903, 0.277641, -0.010126, 0.248813, -0.01452, 0.271886]
-FEATURES += [0.076222, 0.038447, 0.057999, 0.426845, 0.323884, -0.017255, 0.012034, -0.046847]
-FEATURES += [-0.026197, -0.014454, 0.33401, -0.019077, 0.488856, 0.241503, -0.027332, -0.019196]
+FEATURES = numbers(
+    """0.081241 0.131702 0.023903 0.277641 -0.010126 0.248813 -0.01452 0.271886 0.076222 0.038447 0.057999 0.426845
+    0.323884 -0.017255 0.012034 -0.046847 -0.026197 -0.014454 0.33401 -0.019077 0.488856 0.241503 -0.027332 -0.019196"""
+)
 
 
 def test_flownets_weights_make_the_encoder_of_deepvo(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import torch
 
 from geovp_benchmarks.checks.contracts import check
 from geovp_classic import registry
-from geovp_classic.types import Context, PrivilegedInput
+from geovp_classic.types import PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry
@@ -26,10 +26,6 @@ def written(folder: Path, architecture: Architecture = TINY) -> Path:
     return file
 
 
-def context(num_past: int = 6) -> Context:
-    return street.clip().split(num_past, PrivilegedInput.NONE)[0]
-
-
 def test_with_a_head_in_3d_it_keeps_every_promise_as_the_shipped_one_does_in_2d(
     tmp_path: Path,
 ) -> None:
@@ -42,8 +38,9 @@ def test_with_a_head_in_3d_it_keeps_every_promise_as_the_shipped_one_does_in_2d(
 
 def test_the_odometry_is_the_past_of_the_pose_source(tmp_path: Path) -> None:
     file = written(tmp_path)
-    past, tracked = DeepVoOdometry(file).track(context())
+    context, _ = street.clip().split(6, PrivilegedInput.NONE)
+    past, tracked = DeepVoOdometry(file).track(context)
     np.testing.assert_array_equal(
-        past.world_from_cam, DeepVo(file).estimate(context()).past.world_from_cam
+        past.world_from_cam, DeepVo(file).estimate(context).past.world_from_cam
     )
     assert tracked.all()

@@ -11,6 +11,8 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.types import ByteArray
 
+pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit")
+
 
 class MeanColour(nn.Module):
     """The mean of each channel over time and pixels."""
@@ -50,7 +52,6 @@ def frames(*levels: int) -> ByteArray:
     return images
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit")
 def test_fvd_is_of_observed_and_future_frames(tmp_path: Path) -> None:
     """Grey levels 0, 255 and 255, in [-1, 1]: a mean of 1/3; blue is -1."""
     path = script(tmp_path / "mean.pt", MeanColour())
@@ -60,7 +61,6 @@ def test_fvd_is_of_observed_and_future_frames(tmp_path: Path) -> None:
     assert metric.fingerprint in metric.protocol
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit")
 def test_fid_is_of_one_predicted_frame(tmp_path: Path) -> None:
     path = script(tmp_path / "mean.pt", MeanColour())
     for step, expected in ((-1, 1.0), (0, -1.0)):
@@ -69,7 +69,6 @@ def test_fid_is_of_one_predicted_frame(tmp_path: Path) -> None:
         np.testing.assert_allclose(features, [expected, expected, -1], atol=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit")
 @pytest.mark.parametrize("name", ["fvd", "fid"])
 def test_a_file_that_scales_its_input_gets_grey_levels(tmp_path: Path, name: str) -> None:
     path = script(tmp_path / "own.pt", OwnScale())
@@ -108,7 +107,6 @@ def test_without_a_network_the_variable_is_named(
         registry.build("set_metrics", name)
 
 
-@pytest.mark.filterwarnings("ignore:`torch.jit")
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = script(tmp_path / "maps.pt", NoMean())
     metric = registry.build("set_metrics", {"name": "fid", "weights": path})

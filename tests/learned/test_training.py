@@ -261,14 +261,14 @@ def test_a_killed_run_goes_on(tmp_path: Path) -> None:
 
 
 def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path) -> None:
-    still = LineTraining(rate=0.0)
-    outcome = training.train(config(replace(SETTINGS, patience=2), still), tmp_path)
+    still = config(replace(SETTINGS, patience=2), LineTraining(rate=0.0))
+    outcome = training.train(still, tmp_path)
     assert (outcome.progress.step, outcome.progress.best_step, outcome.is_finished) == (
         60,
         20,
         True,
     )  # 20 is the best, 40 and 60 are not
-    again = training.train(config(replace(SETTINGS, patience=2), still), tmp_path, resume=True)
+    again = training.train(still, tmp_path, resume=True)
     assert again.progress.step == 60
 
 

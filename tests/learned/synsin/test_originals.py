@@ -15,7 +15,7 @@ from geovp_learned.synsin import discriminator
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
 from geovp_learned.synsin.generator import Generator
 from geovp_learned.synsin.network import NOISE_SIZE, Architecture
-from tests.learned.originals import HALF, digest, random_images, seed_weights
+from tests.learned.originals import HALF, digest, numbers, random_images, seed_weights
 
 TOLERANCE = 1e-4
 CAMERA = torch.tensor([[718.9, 718.9, 127.5, 127.5]])
@@ -28,10 +28,6 @@ MOTION = torch.tensor(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )[None]  # metres
-
-
-def numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
 
 
 FEATURES = numbers(

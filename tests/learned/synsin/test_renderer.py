@@ -24,10 +24,10 @@ def wall(method: SynSinTraining, clip: Clip, tmp_path_factory: pytest.TempPathFa
     return file
 
 
-def views_of(file: Path, clip: Clip, world_from_cam: FloatArray, seed: int = 0) -> Views:
+def views_of(file: Path, clip: Clip, world_from_cam: FloatArray) -> Views:
     """The last of the past frames, rendered from the poses."""
     context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
-    scene = SynSin(file, seed=seed).reconstruct(context, clip.trajectory[:NUM_PAST])
+    scene = SynSin(file).reconstruct(context, clip.trajectory[:NUM_PAST])
     return scene.view(world_from_cam, clip.times_s[-len(world_from_cam) :], clip.intrinsics)
 
 

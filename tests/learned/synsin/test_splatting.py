@@ -10,11 +10,11 @@ SIZE_PX, NEAR_M = (9, 11), 0.5
 CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, cx, cy
 
 
-def random_points(seed: int, count: int = 60) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def random_points() -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Positions, inverse depths, visibility and three features of points around a small image, one
     batch of two.
     """
-    rng = np.random.default_rng(seed)
+    rng, count = np.random.default_rng(1), 60
     positions = torch.from_numpy(rng.uniform([-2, -2], [12, 10], (2, count, 2)))
     depths = torch.from_numpy(rng.uniform(0.01, 1, (2, count)))
     visible = torch.from_numpy(rng.random((2, count)) < 0.8)
@@ -51,7 +51,7 @@ def test_splatter_is_equal_to_loops_over_pixels_and_points(
     radius_px: float, points_per_pixel: int
 ) -> None:
     splatter = Splatter(radius_px, points_per_pixel, 1e-3)
-    points = random_points(seed=1)
+    points = random_points()
     image, opacity = splatter(*points, SIZE_PX)
     wanted, wanted_opacity = splatted_naively(splatter, *points)
     assert (wanted_opacity > 0).sum() > 50  # there is something to compare
