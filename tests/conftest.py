@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import street
 from hypothesis import settings
+from kitti_files import write_kitti
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from video_files import write_video
@@ -80,7 +81,7 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
         elif role == "datasets":
             settings["root"] = str(tmp_path)
             if name in ("kitti", "folder"):
-                _write_kitti(tmp_path, clip)
+                write_kitti(tmp_path, "00", clip, camera=2)
             elif name == "kitti-raw":
                 _write_kitti_raw(tmp_path, 1, clip)
             elif name == "videos":
@@ -118,20 +119,6 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
             pytest.skip(str(missing))
 
     return build
-
-
-def _write_kitti(root: Path, clip: Clip) -> None:
-    """Write a clip as sequence 00 of KITTI odometry."""
-    sequence = root / "sequences/00"
-    (sequence / "image_2").mkdir(parents=True)
-    for step, frame in enumerate(clip.frames):
-        cv2.imwrite(str(sequence / f"image_2/{step:06d}.png"), frame[..., ::-1])
-    projection = _text(np.column_stack([clip.intrinsics.matrix, np.zeros(3)]))
-    calibration = "".join(f"P{camera}: {projection}\n" for camera in range(4))
-    (sequence / "calib.txt").write_text(calibration)
-    np.savetxt(sequence / "times.txt", clip.times_s)
-    (root / "poses").mkdir()
-    pose_files.write_kitti(root / "poses/00.txt", clip.trajectory)
 
 
 LATITUDE_DEG = 49.0

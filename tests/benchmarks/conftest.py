@@ -5,18 +5,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
+from kitti_files import write_kitti
 
 import studies
 from geovp_benchmarks import cli, plots
 from geovp_benchmarks.running import task
 from geovp_classic import registry
 from geovp_classic.atomic import write_bytes
-from geovp_classic.data.formats import pose_files
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.types import Clip
-from tests.benchmarks.made import write_images
 
 TOYS = Path(__file__).parent / "toys"
 
@@ -112,22 +109,6 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("kitti")
     write_kitti(root, "07", Synthetic(num_clips=1, num_frames=12, size_px=(160, 160))[0])
     return root
-
-
-def write_kitti(root: Path, sequence: str, clip: Clip) -> None:
-    """Add a clip as a sequence in KITTI odometry's layout: grey images, calibration, times and true
-    poses.
-    """
-    folder = root / "sequences" / sequence
-    write_images(folder / "image_0", clip.frames)
-    matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
-    (folder / "calib.txt").write_text(
-        "P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n"
-    )
-    (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
-    (root / "poses").mkdir(exist_ok=True)
-    assert clip.trajectory is not None
-    pose_files.write_kitti(root / "poses" / f"{sequence}.txt", clip.trajectory)
 
 
 @pytest.fixture

@@ -150,6 +150,12 @@ def write_protocol(
     )
 
 
+def rows_of(lines: list[str]) -> dict[str, list[str]]:
+    """Return the cells of the rows of Markdown tables by their first cell; the first table wins."""
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
+    return {first: rest for first, *rest in reversed(cells)}
+
+
 def write_images(folder: Path, frames: ByteArray, digits: int = 6) -> None:
     """Frames [T, H, W, 3] as numbered PNG files."""
     folder.mkdir(parents=True, exist_ok=True)

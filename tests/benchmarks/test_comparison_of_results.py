@@ -19,15 +19,8 @@ from tests.benchmarks.made import STILL, content, go
 pytestmark = pytest.mark.usefixtures("toys")
 
 
-def folder(
-    path: Path,
-    dataset: dict[str, Any] | None = None,
-    protocol: dict[str, Any] | None = None,
-    **tables: Any,
-) -> Path:
-    made = content(dataset, **({"predictors": STILL} | tables))
-    made["protocol"] |= protocol or {}
-    go(path, made)
+def folder(path: Path, **tables: Any) -> Path:
+    go(path, content(**({"predictors": STILL} | tables)))
     return path
 
 

@@ -34,7 +34,6 @@ def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[...
     """
     folder = tmp_path_factory.mktemp("raw")
     clip = Synthetic(num_clips=1, num_frames=10, size_px=(96, 96), with_full=True)[0]
-    assert clip.full is not None
     nothing = {"depths": None, "moving": None, "full": None}
     wide = dataclasses.replace(
         clip, frames=clip.full.frames, intrinsics=clip.full.intrinsics, **nothing

@@ -144,7 +144,6 @@ def hold(root: Path, seconds: float) -> subprocess.Popen[str]:
     """Start a process that holds the lock of a results folder, as a run does."""
     command = [sys.executable, "-c", HOLD, str(root), str(seconds)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     assert process.stdout.readline() == "held\n"
     return process
 

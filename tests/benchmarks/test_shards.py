@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kitti_files import write_kitti
 
 from geovp_benchmarks.results.store import Results, ScoreRecord, Scores
 from geovp_classic.data.synthetic.dataset import Synthetic
-from tests.benchmarks.conftest import Command, Says, write_kitti
+from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, rows, write_matrix, write_protocol, write_row
 
 NOISE = {"noise": {"name": "toy-noise", "num_samples": 2}}

@@ -57,7 +57,6 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.frames, kept.frames)
     np.testing.assert_array_equal(back.depths, depths)
     np.testing.assert_array_equal(back.moving, moving)
-    assert back.trajectory is not None
     np.testing.assert_array_equal(back.trajectory.world_from_cam, trajectory(5).world_from_cam)
     assert back.trajectory.is_metric
     assert (back.intrinsics, back.camera_height_m) == (CAMERA, 1.65)
@@ -77,7 +76,6 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     assert kept.names == [NAME]
     back = kept.read(NAME)
     np.testing.assert_array_equal(back.frames, frames)
-    assert back.motion is not None
     assert back.covered is not None
     np.testing.assert_array_equal(back.motion.futures, motion.futures)
     np.testing.assert_array_equal(back.motion.tracked, [True, False])

@@ -97,14 +97,12 @@ def test_conditions_are_views_masks_depths_poses_and_intrinsics(
     arrays = np.load(folder / f"{name}.npz")
     kept = results.predictions(results.by_name()["gt-3d--fusion"]).read(name)
     mask = arrays["rendered_warp_masks"][0, :, 0, 0]
-    assert kept.covered is not None
     np.testing.assert_array_equal(mask, kept.covered[0])
     images = np.moveaxis(arrays["rendered_warp_images"][0, :, 0], 1, -1)
     shown = np.rint((images + 1) * 127.5).astype(np.uint8)
     np.testing.assert_array_equal(shown[mask > 0], kept.frames[0][mask > 0])
     assert (images[mask == 0] == -1).all()
     assert arrays["depths"].shape == arrays["rendered_warp_masks"].shape == (1, 2, 1, 1, 32, 32)
-    assert clip.trajectory is not None
     poses = clip.trajectory.world_from_cam
     expected = np.linalg.inv(poses[3:]) @ poses[2]
     np.testing.assert_allclose(arrays["w2cs"][0], expected, atol=1e-5)

@@ -13,7 +13,7 @@ from geovp_benchmarks.tables.formats import markdown
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import ByteArray, PrivilegedInput
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import write_matrix
+from tests.benchmarks.made import rows_of, write_matrix
 
 PAST = {
     "name": "chained",
@@ -38,12 +38,6 @@ TABLES: dict[str, dict[str, Any]] = {
 @pytest.fixture
 def matrix_file(tmp_path: Path) -> Path:
     return write_matrix(tmp_path / "street.toml", TABLES)
-
-
-def rows_of(lines: list[str]) -> dict[str, list[str]]:
-    """Return the cells of the rows of Markdown tables by their first cell; the first table wins."""
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
-    return {first: rest for first, *rest in reversed(cells)}
 
 
 @pytest.fixture

@@ -84,7 +84,6 @@ class HalfScale:
     needs = PrivilegedInput.PAST_POSES
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        assert context.past is not None
         assert context.future is None  # which it has not declared
         poses = context.past.world_from_cam.copy()
         poses[:, :3, 3] /= 2

@@ -95,7 +95,6 @@ def test_table_and_report_agree_that_few_clips_are_not_tested(
     )
     main = tables.build(results)[0]
     found = findings.find(main, differences, results.protocol(), "copy-last")
-    assert found is not None
     assert not found.is_significant
     assert main.marked == set()
 

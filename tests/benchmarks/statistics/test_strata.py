@@ -27,11 +27,11 @@ COVERED = {"a": 0.9, "b": 0.8, "c": 0.7, "d": 0.95, "e": 0.99}
 UNITS = {"psnr": ("dB", True), "coverage": ("", None)}
 
 
-def fill(root: Path, facts: Mapping[str, Mapping[str, float | str]], num_clips: int = 5) -> Results:
+def fill(root: Path, facts: Mapping[str, Mapping[str, float | str]]) -> Results:
     """PSNR is 10, 11, ... by clip and falls by 1 from the first step to the second; `half` has only
     the first clip.
     """
-    results, clips = Results(root), list(facts)[:num_clips]
+    results, clips = Results(root), list(facts)
     metrics = {
         name: {
             "role": "frame",
@@ -55,6 +55,13 @@ def fill(root: Path, facts: Mapping[str, Mapping[str, float | str]], num_clips: 
         own = {clip: facts[clip] for clip in clips[:count]}
         write_row(results, name, rows, own, renderer="r", status="done" if count > 1 else "partial")
     return results
+
+
+def clips_by_label(results: Results, by: str) -> dict[str, str]:
+    return {
+        subset.label: "".join(sorted(subset.protocol()["clips"]))
+        for subset in strata.divide(results, by)
+    }
 
 
 @pytest.fixture
@@ -104,10 +111,7 @@ def results(tmp_path: Path) -> Results:
 def test_every_clip_is_in_the_stratum_of_its_facts(
     results: Results, by: str, expected: dict[str, str]
 ) -> None:
-    divided = {
-        subset.label: "".join(sorted(subset.protocol()["clips"]))
-        for subset in strata.divide(results, by)
-    }
+    divided = clips_by_label(results, by)
     assert expected.items() <= divided.items()
     assert "".join(sorted("".join(divided.values()))) == "abcde"
 
@@ -130,11 +134,7 @@ def test_texts_of_the_data_set_divide_clips(tmp_path: Path) -> None:
         ("kind", {"kind: drone": "ac", "kind: phone, indoors": "b"}),
         ("moving", {"moving: none": "ab", "moving: unknown": "c"}),
     ):
-        divided = {
-            subset.label: "".join(sorted(subset.protocol()["clips"]))
-            for subset in strata.divide(results, by)
-        }
-        assert divided == expected
+        assert clips_by_label(results, by) == expected
     with pytest.raises(BadData, match="did you mean 'kind'"):
         strata.divide(results, "kid")
 

@@ -55,7 +55,6 @@ def test_errors_of_a_wall() -> None:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
     past = _clip(step=(0.1 * sign, 0, sign)).trajectory
-    assert past is not None
     v, u = np.nonzero(near_epipole(past, CAMERA, radius_px=20))
     np.testing.assert_allclose([u.mean(), v.mean()], [59.5, 39.5])
 

@@ -33,7 +33,6 @@ def test_views_with_known_motion_beat_the_late_image(clip: Clip) -> None:
 
 def test_recorded_commands_lead_to_the_recorded_pose(clip: Clip) -> None:
     commands = latency.commanded(clip, range(20, 30), EXACT, np.random.default_rng(0))
-    assert clip.trajectory is not None
     poses = clip.trajectory.world_from_cam
     level = planar.level_vehicle_from_cam()
     end_s = clip.times_s[30:31]

@@ -25,6 +25,7 @@ from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
 from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import rows_of
 
 
 def circle(num_steps: int, speed_m_s: float = 10.0, turn_rad_s: float = 0.1) -> Trajectory:
@@ -103,8 +104,7 @@ def test_the_command_prints_a_column_per_forecaster(folder: Path, printed: Says)
     names = ["--methods", "hold", "turn-rate-kalman"]
     lines = printed("forecast", folder, "--sequences", "03", "05", *names).splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if "|" in line]
-    rows = {name: values for name, *values in cells}
+    rows = rows_of(lines)
     assert rows[""] == ["hold", "turn-rate-kalman"]
     # chords of 1 to 20 steps of 0.01 rad at 100 m radius
     ade_m = np.mean(200 * np.sin(0.005 * np.arange(1, 21)))

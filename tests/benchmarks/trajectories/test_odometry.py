@@ -24,7 +24,6 @@ def drive(num_frames: int) -> Clip:
 def skewed(is_metric: bool) -> TrackedPath:
     """Return the drive with errors of 3 degrees and of 10 % of the length of each step."""
     truth = drive(5).trajectory
-    assert truth is not None
     step = se3.exp(np.array([0, 0, 0, 0, np.radians(3), 0]))
     step[2, 3] = 1.1
     poses = np.stack([np.linalg.matrix_power(step, k) for k in range(5)])
