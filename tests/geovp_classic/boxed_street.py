@@ -2,13 +2,18 @@
 
 import numpy as np
 
-from geovp_classic.geometry import pinhole
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
 HEIGHT = 1.6  # of the camera above the ground
 WALL = 24.0  # z of the wall, in world coordinates
 BOX = (1.0, 4.0, 14.0)  # left and right x of a box's front that stands on the ground, and its z
+
+
+def straight(num: int = 6, step: float = 0.8, yaw_rad: float = 0.0) -> FloatArray:
+    """Return poses [T, 4, 4] that go ahead, and turn by `yaw_rad` a step."""
+    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, yaw_rad, 0]))
 
 
 def _texture(points: FloatArray, tint: float) -> FloatArray:

@@ -22,10 +22,7 @@ def clip() -> Clip:
 
 
 def test_the_depth_of_plain_asphalt_is_unsure(clip: Clip) -> None:
-    assert clip.trajectory is not None
-    assert clip.depths is not None
     past, _ = clip.split(NUM_PAST, GroundTruth.needs)
-    assert past.past is not None
     _, confidence = Multiview().inverse_depths(past, past.past)
     # The ground is y = 0 of the street's world, up to 40 m
     depth = clip.depths[NUM_PAST - 1]
@@ -41,7 +38,6 @@ def test_the_depth_of_plain_asphalt_is_unsure(clip: Clip) -> None:
 def test_a_car_ahead_on_plain_asphalt_stays_in_place(clip: Clip) -> None:
     past, target = clip.split(NUM_PAST, GroundTruth.needs)
     frames = GeometricPredictor(GroundTruth(), DepthFusion()).predict(past).frames[0]
-    assert clip.moving is not None
     moving = clip.moving[NUM_PAST:]
 
     def psnr_db(shown: ByteArray, mask: BoolArray) -> float:

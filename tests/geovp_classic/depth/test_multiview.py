@@ -9,7 +9,6 @@ import pytest
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.viewpoints import PlaneSpacing
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
 from geovp_classic.types import (
     BoolArray,
     Context,
@@ -17,11 +16,7 @@ from geovp_classic.types import (
     Intrinsics,
     Trajectory,
 )
-from tests.geovp_classic.boxed_street import observe
-
-
-def _drive(num: int = 6, step: float = 0.8, yaw_rad: float = 0.0) -> FloatArray:
-    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, yaw_rad, 0]))
+from tests.geovp_classic.boxed_street import observe, straight
 
 
 def _away_from_epipole(shape: tuple[int, int]) -> BoolArray:
@@ -38,7 +33,7 @@ def estimate(
 
 
 def test_depth_of_a_street_seen_while_driving() -> None:
-    context, past, truth = observe(_drive())
+    context, past, truth = observe(straight())
     inverse_depth, confidence = estimate(context, past)
     errors = np.abs(inverse_depth / truth[-1] - 1)
     away = _away_from_epipole(errors.shape)
@@ -51,7 +46,7 @@ def test_depth_of_a_street_seen_while_driving() -> None:
 
 
 def test_tall_images_are_swept_over_more_planes() -> None:
-    context, past, _ = observe(_drive(2))
+    context, past, _ = observe(straight(2))
     planes: list[int] = []
 
     class CountedSpacing(PlaneSpacing):
@@ -68,7 +63,7 @@ def test_tall_images_are_swept_over_more_planes() -> None:
 
 
 def test_frames_must_be_observed() -> None:
-    context, past, _ = observe(_drive(num=3))
+    context, past, _ = observe(straight(num=3))
     with pytest.raises(BadData, match="at least one frame"):
         Multiview(frames=())
     with pytest.raises(BadData, match="of 3 observed"):
@@ -76,7 +71,7 @@ def test_frames_must_be_observed() -> None:
 
 
 def test_noisy_poses_of_a_stationary_camera_show_no_parallax() -> None:
-    context, past, _ = observe(_drive(step=0.0))
+    context, past, _ = observe(straight(step=0.0))
     noisy = past.world_from_cam.copy()
     noisy[:, :3, 3] += np.random.default_rng(0).normal(0, 1e-3, (len(past), 3))
     _, confidence = estimate(context, dataclasses.replace(past, world_from_cam=noisy))
@@ -84,7 +79,7 @@ def test_noisy_poses_of_a_stationary_camera_show_no_parallax() -> None:
 
 
 def test_a_flat_sky_is_farther_than_the_houses_beside_it() -> None:
-    context, past, _ = observe(_drive(yaw_rad=0.02))
+    context, past, _ = observe(straight(yaw_rad=0.02))
     frames = context.frames.copy()
     frames[:, :40, 30:-30] = 230
     inverse_depth, _ = estimate(dataclasses.replace(context, frames=frames), past)
@@ -93,7 +88,7 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it() -> None:
 
 
 def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not() -> None:
-    context, past, truth = observe(_drive())
+    context, past, truth = observe(straight())
     frames = context.frames.copy()
     sky = frames[:, :40, 30:-30]
     noise = np.random.default_rng(0).normal(0, 1, sky.shape[:3])[..., None]
@@ -112,7 +107,7 @@ def test_a_noisy_sky_is_infinitely_far_and_the_houses_beside_it_are_not() -> Non
 
 def test_the_memory_of_a_sweep_is_bounded() -> None:
     # 128 x 112 pixels and 96 planes are 1.4 million costs, of 5 bytes with their path sums: 6.9 MB.
-    context, past, truth = observe(_drive())
+    context, past, truth = observe(straight())
     bounded = Multiview(num_planes=48, tall_px=56, max_costs=400_000)  # 2 MB
     estimate(context, past, bounded)  # compiles
     tracemalloc.start()

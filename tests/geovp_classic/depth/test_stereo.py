@@ -9,7 +9,7 @@ from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
-from tests.geovp_classic.boxed_street import image, observe
+from tests.geovp_classic.boxed_street import image, observe, straight
 
 BASELINE_M = 0.5
 Pair = tuple[Context, Trajectory, FloatArray]
@@ -18,7 +18,7 @@ Pair = tuple[Context, Trajectory, FloatArray]
 @pytest.fixture(scope="module")
 def pair() -> Pair:
     """Two steps with right images of other size and scale than the frames, as native ones are."""
-    poses = se3.exp(np.arange(2)[:, None] * np.array([0, 0, 0.8, 0, 0, 0]))
+    poses = straight(2)
     context, past, truth = observe(poses)
     right_from_cam = se3.compose(np.eye(3), np.array([-BASELINE_M, 0, 0]))
     wide = context.intrinsics.cropped(-40, -4, 208, 120).resized(312, 180)
@@ -55,7 +55,6 @@ def test_what_it_needs(pair: Pair) -> None:
 )
 def test_only_rectified_pairs(pair: Pair, twist: tuple[float, ...]) -> None:
     context, past, _ = pair
-    assert context.right is not None
     turned = dataclasses.replace(context.right, view_from_cam=se3.exp(np.array(twist)))
     with pytest.raises(Incompatible, match="rectified"):
         Stereo().inverse_depths(dataclasses.replace(context, right=turned), past)

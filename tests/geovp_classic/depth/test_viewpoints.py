@@ -7,28 +7,25 @@ from hypothesis import strategies as st
 
 from geovp_classic.depth.viewpoints import PlaneSpacing, SourceSelection
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import Intrinsics
+from tests.geovp_classic.boxed_street import straight
 
 CAMERA = Intrinsics(490.0, 490.0, 127.5, 117.0, 256, 256)
 
 
-def path(num: int, step: float, yaw_rad: float = 0.0) -> FloatArray:
-    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, yaw_rad, 0]))
-
-
 def test_baselines_halve() -> None:
     # From step 9 the longest baseline is 9; the next are near 4.5, 2.25 and 1.125.
-    assert sorted(SourceSelection().choose(path(10, 1.0), 9, CAMERA)) == [0, 4, 7, 8]
+    assert sorted(SourceSelection().choose(straight(10, 1.0), 9, CAMERA)) == [0, 4, 7, 8]
 
 
 def test_a_stationary_camera_has_no_sources() -> None:
-    assert SourceSelection().choose(path(5, 0.0), 4, CAMERA) == []
-    assert SourceSelection().choose(path(1, 1.0), 0, CAMERA) == []
+    assert SourceSelection().choose(straight(5, 0.0), 4, CAMERA) == []
+    assert SourceSelection().choose(straight(1, 1.0), 0, CAMERA) == []
 
 
 def test_frames_without_overlap_are_left_out() -> None:
     # The image is 29 degrees wide. At 5 degrees per step, 4 steps leave less than 40 % in common.
-    sources = SourceSelection().choose(path(8, 1.0, yaw_rad=np.deg2rad(5)), 7, CAMERA)
+    sources = SourceSelection().choose(straight(8, 1.0, yaw_rad=np.deg2rad(5)), 7, CAMERA)
     assert sources
     assert min(sources) >= 4
 
@@ -36,7 +33,7 @@ def test_frames_without_overlap_are_left_out() -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.floats(1e-3, 1e3), st.integers(8, 96))
 def test_planes_scale_with_the_unit(unit: float, count: int) -> None:
-    poses = path(10, 1.0)
+    poses = straight(10, 1.0)
     sources = se3.inverse(poses[[0, 4, 8]]) @ poses[9]
     scaled = sources.copy()
     scaled[:, :3, 3] *= unit

@@ -23,7 +23,6 @@ def street() -> tuple[Context, Trajectory]:
     frames = clip.frames.copy()
     frames[5:15] = 90
     context, _ = replace(clip, frames=frames).split(15, PrivilegedInput.CAMERA_HEIGHT)
-    assert clip.trajectory is not None
     return context, clip.trajectory[:15]
 
 
@@ -70,11 +69,9 @@ def test_a_video_that_ends_in_ten_blank_frames_is_predicted(
 
 def test_future_images_have_the_resolution_of_the_observed_ones() -> None:
     context = noise_context(40)  # a square of 40 pixels for the native 80
-    assert context.full is not None
     future = ExtraView(context.full.frames[:1], NATIVE, np.eye(4))
     context = replace(context, future_full=future)
     observed = Observer(max_full_scale=1.0).observe(context).context
-    assert observed.full_observations is not None
     assert observed.full_observations.greys.shape[1] == 40
     greys = future_greys(observed, "full")
     np.testing.assert_array_equal(greys, observed.full_observations.greys[:1])

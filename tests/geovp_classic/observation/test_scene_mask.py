@@ -64,11 +64,11 @@ def arched(height: int, width: int, fraction: float = 0.2) -> BoolArray:
     )
 
 
-def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray:
+def painted(frames: ByteArray, mask: BoolArray) -> ByteArray:
     """The frames with a blue hood and its bright rim, six pixels wide."""
     inside = cv2.erode(mask.astype(np.uint8), np.ones((7, 13)), borderValue=1)
     hood = np.where(inside[..., None] > 0, [40.0, 50.0, 110.0], [210.0, 215.0, 225.0])
-    noisy = np.random.default_rng(0).normal(hood, noise, frames.shape).clip(0, 255)
+    noisy = np.random.default_rng(0).normal(hood, 1.0, frames.shape).clip(0, 255)
     return np.where(mask[..., None], noisy, frames).astype(np.uint8)
 
 
@@ -118,7 +118,6 @@ class Noted:
 
 
 def hooded(clip: Clip, mask: BoolArray) -> Clip:
-    assert clip.full is not None
     wide = clip.full.frames
     covered = arched(wide.shape[1], wide.shape[2], 0.15)
     view = ExtraView(painted(wide, covered), clip.full.intrinsics, clip.full.view_from_cam)
@@ -137,10 +136,6 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
     context, _ = hooded(clip, mask).split(10, renderer.needs)
     prediction = predictor.predict(context)
     seen = renderer.context
-    assert seen.past_depths is not None
-    assert seen.full is not None
-    assert context.full is not None
-    assert prediction.covered is not None
     assert abs(seen.intrinsics.height_px - SIDE * 0.8) <= 3
     assert seen.frames.shape == (10, seen.intrinsics.height_px, SIDE, 3)
     assert seen.past_depths.shape == seen.frames.shape[:3]
@@ -158,7 +153,6 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
 def test_a_hood_that_only_uncropped_frames_show_is_hidden_with_these_alone(clip: Clip) -> None:
     context, _ = hooded(clip, np.zeros((SIDE, SIDE), bool)).split(10, Noted.needs)
     assert not vehicle_mask(context.frames).any()
-    assert context.full is not None
     top = top_row(vehicle_mask(context.full.frames))
     assert top < SIDE
     assert context.full.intrinsics.cropped(111, 0, SIDE, SIDE) == context.intrinsics
@@ -201,7 +195,6 @@ def test_a_mask_with_16_bits_is_read_and_one_with_transparency_refused(tmp_path:
 
 def test_a_drawn_mask_of_uncropped_frames_covers_their_crop(clip: Clip, tmp_path: Path) -> None:
     context, _ = clip.split(10, PrivilegedInput.FULL_FRAMES)
-    assert context.full is not None
     shape = context.full.frames.shape[1:3]
     observed = Observer(mask=drawn(tmp_path / "mask.png", shape, np.s_[80:, :])).observe(context)
     assert observed.context.intrinsics.height_px == 80

@@ -22,6 +22,7 @@ from geovp_classic.types import (
 )
 
 NATIVE = Intrinsics(120, 120, 99.5, 39.5, 200, 80)
+PAST = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
 
 
 def noise_context(side_px: int = 40) -> Context:
@@ -55,9 +56,8 @@ def test_pixels_are_finer_than_the_square_s_where_there_are_such(
 def test_what_cannot_be_done_is_refused() -> None:
     context = noise_context()
     with_depths = dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32))
-    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
     with pytest.raises(Incompatible, match="the crop only"):
-        recent(with_depths, past, "full", 2)
+        recent(with_depths, PAST, "full", 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +73,6 @@ class Wall:
 
 def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     context = noise_context()
-    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
     nearer = se3.exp(
         np.array([0, 0, 5.0, 0, 0, 0])
     )  # half way to the wall: everything is twice as large
@@ -81,7 +80,7 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     views = {}
     for frames in ("crop", "full"):
         scene = DepthFusion(Wall(), Blank(), frames=frames, detail=None, exposure=None).reconstruct(
-            context, past
+            context, PAST
         )
         views[frames] = scene.view(
             np.stack([nearer, beside]), np.array([2.0, 3.0]), context.intrinsics

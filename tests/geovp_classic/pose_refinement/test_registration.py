@@ -9,12 +9,8 @@ from geovp_classic.pose_refinement.registration import (
     ReferenceTracker,
     direction_correction,
 )
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
-from tests.geovp_classic.boxed_street import CAMERA, image
-
-
-def straight(num: int = 6, step: float = 0.8) -> FloatArray:
-    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, 0, 0]))
+from geovp_classic.types import BoolArray, ByteArray
+from tests.geovp_classic.boxed_street import CAMERA, image, straight
 
 
 def nothing(images: ByteArray) -> BoolArray:

@@ -43,7 +43,6 @@ def errors(predictor: FramePredictor, clip: Clip) -> tuple[FloatArray, FloatArra
     """Return the mean absolute error of covered pixels, and their fraction, for each step [F]."""
     context, target = clip.split(NUM_PAST, NONE)
     prediction = predictor.predict(context)
-    assert prediction.covered is not None
     covered = prediction.covered[0]
     difference = np.abs(prediction.frames[0].astype(float) - target.frames).mean(axis=-1)
     return (difference * covered).sum((1, 2)) / covered.sum((1, 2)), covered.mean((1, 2))

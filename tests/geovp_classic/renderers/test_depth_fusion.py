@@ -10,7 +10,6 @@ from geovp_classic.types import Clip, Context, PrivilegedInput, Trajectory
 def street(index: int) -> tuple[Clip, Context, Trajectory]:
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[index]
     context, _ = clip.split(10, PrivilegedInput.NONE)
-    assert clip.trajectory is not None
     return clip, context, clip.trajectory[:10]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -212,9 +212,7 @@ def test_the_path_lies_on_the_road_ahead(live: LivePredictor, clip: Clip) -> Non
 
 
 def test_without_its_height_a_camera_has_no_path_and_no_commands(clip: Clip) -> None:
-    live = LivePredictor(clip.intrinsics)
-    for frame, time_s in zip(clip.frames[:NUM_PAST], clip.times_s, strict=False):
-        live.push(frame, time_s)
+    live = streamed(replace(clip, camera_height_m=None))
     view = live.view(clip.times_s[12])
     assert view.is_predicted
     assert len(view.path_px) == 0
