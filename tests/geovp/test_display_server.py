@@ -261,7 +261,6 @@ class Browser:
 @asynccontextmanager
 async def browsing(url: str, profile: Path) -> AsyncIterator[Browser]:
     """Yield a page in a browser that is closed at the end."""
-    assert CHROMIUM is not None
     options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
     options += ["--remote-debugging-port=0", f"--user-data-dir={profile}"]
     process = subprocess.Popen([CHROMIUM, *options, url], stderr=subprocess.DEVNULL)
@@ -324,7 +323,6 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
                 await browser.wait(f"{warning}.textContent.includes('blank')")
                 await browser.value("hold('ArrowUp', true)")
                 await browser.wait("document.getElementById('order').textContent.includes('km/h')")
-                assert pages.session.driver is not None
                 while not pages.session.driver.at(0.0):
                     await asyncio.sleep(0.01)
                 await browser.value(

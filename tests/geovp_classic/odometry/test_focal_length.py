@@ -43,7 +43,6 @@ def straight(step_m: float) -> list[ByteArray]:
 
 def test_a_turn_determines_the_focal_length_also_above_a_hood(turns: list[list[ByteArray]]) -> None:
     found = ESTIMATOR.estimate(turns)
-    assert found is not None
     assert found.num_windows == 2
     assert found.focal_px == pytest.approx(183.375, rel=0.05)
     assert found.low_px < 183.375 < found.high_px
@@ -57,7 +56,6 @@ def test_a_turn_determines_the_focal_length_also_above_a_hood(turns: list[list[B
     top = round(0.7 * height_px)
     hooded = [[np.concatenate([grey[:top], pattern[top:]]) for grey in drive] for drive in turns]
     found = ESTIMATOR.estimate(hooded)
-    assert found is not None
     assert found.focal_px == pytest.approx(183.375, rel=0.05)
 
 
@@ -86,7 +84,6 @@ def test_calibrated_cars_of_kitti_within_a_tenth(
     found = ESTIMATOR.estimate(
         [grey8(read_image(file)) for file in files[start : start + 30]] for start in starts
     )
-    assert found is not None
     assert found.is_sure
     assert found.focal_px == pytest.approx(focal_px, rel=0.1)
     assert found.low_px < focal_px < found.high_px
