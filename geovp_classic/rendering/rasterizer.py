@@ -12,6 +12,7 @@ import numpy.typing as npt
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
+Vector = tuple[np.float32, np.float32, np.float32]
 
 NO_INDEX = -1
 # Of s and t; the tolerance lets shared edges leave no crack.
@@ -73,43 +74,62 @@ def rasterise_view(
         if is_outside_x or y + radius_y < 0 or y - radius_y > height - 1:
             continue
 
-        # How far the corners reach beyond the middle, in pixels.
-        left = right = top = bottom = np.float32(0)
-        for corner in range(4):
-            s = np.float32(1 - 2 * (corner % 2))
-            t = np.float32(1 - 2 * (corner // 2))
-            per_z = MAX_S / (z + s * d_z + t * e_z)
-            corner_x = (s * d_x + t * e_x) * per_z
-            corner_y = (s * d_y + t * e_y) * per_z
-            left = min(left, corner_x)
-            right = max(right, corner_x)
-            top = min(top, corner_y)
-            bottom = max(bottom, corner_y)
-        first_column = int(max(np.ceil(x + left), 0))
-        last_column = int(min(np.floor(x + right), width - 1))
-        first_row = int(max(np.ceil(y + top), 0))
-        last_row = int(min(np.floor(y + bottom), height - 1))
+        d = (d_x, d_y, d_z)
+        e = (e_x, e_y, e_z)
+        _draw_patch(n, (x, y, z), d, e, (q, q_d, q_e), z_buffer, winner)
 
-        # The cross product of d and e.
-        normal_x = d_y * e_z - d_z * e_y
-        normal_y = d_z * e_x - d_x * e_z
-        normal_z = d_x * e_y - d_y * e_x
-        # On a plane, inverse depth is linear in the pixels of the view.
-        q_middle = q / z
-        per_normal = 1 / (z * normal_z)
-        q_x = per_normal * (q * normal_x + z * (q_d * e_y - q_e * d_y))
-        q_y = per_normal * (q * normal_y + z * (q_e * d_x - q_d * e_x))
-        max_s_per_z = MAX_S / z
-        for row in range(first_row, last_row + 1):
-            for column in range(first_column, last_column + 1):
-                i = np.float32(column) - x
-                j = np.float32(row) - y
-                scale = normal_x * i + normal_y * j + normal_z
-                limit = max_s_per_z * abs(scale)
-                value = q_middle + q_x * i + q_y * j
-                is_nearer = value > z_buffer[row, column]
-                is_inside_s = abs(e_y * i - e_x * j) <= limit
-                is_inside_t = abs(d_x * j - d_y * i) <= limit
-                if is_nearer & is_inside_s & is_inside_t:
-                    z_buffer[row, column] = value
-                    winner[row, column] = n
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _draw_patch(
+    number: int,
+    middle: Vector,  # pixel (x, y) and z
+    d: Vector,  # steps to the middles of the sides, relative to the middle's pixel
+    e: Vector,
+    inverse_depth: Vector,  # of the middle, and its changes along d and e
+    z_buffer: FloatArray,  # [H, W]; written
+    winner: IndexArray,  # [H, W]; written
+) -> None:
+    """Write a patch to the pixels in which it is nearer than all before it."""
+    height, width = z_buffer.shape
+    x, y, z = middle
+    q, q_d, q_e = inverse_depth
+    # How far the corners reach beyond the middle, in pixels.
+    left = right = top = bottom = np.float32(0)
+    for corner in range(4):
+        s = np.float32(1 - 2 * (corner % 2))
+        t = np.float32(1 - 2 * (corner // 2))
+        per_z = MAX_S / (z + s * d[2] + t * e[2])
+        corner_x = (s * d[0] + t * e[0]) * per_z
+        corner_y = (s * d[1] + t * e[1]) * per_z
+        left = min(left, corner_x)
+        right = max(right, corner_x)
+        top = min(top, corner_y)
+        bottom = max(bottom, corner_y)
+    first_column = int(max(np.ceil(x + left), 0))
+    last_column = int(min(np.floor(x + right), width - 1))
+    first_row = int(max(np.ceil(y + top), 0))
+    last_row = int(min(np.floor(y + bottom), height - 1))
+
+    # The cross product of d and e.
+    normal_x = d[1] * e[2] - d[2] * e[1]
+    normal_y = d[2] * e[0] - d[0] * e[2]
+    normal_z = d[0] * e[1] - d[1] * e[0]
+    # On a plane, inverse depth is linear in the pixels of the view.
+    q_middle = q / z
+    per_normal = 1 / (z * normal_z)
+    q_x = per_normal * (q * normal_x + z * (q_d * e[1] - q_e * d[1]))
+    q_y = per_normal * (q * normal_y + z * (q_e * d[0] - q_d * e[0]))
+    max_s_per_z = MAX_S / z
+    for row in range(first_row, last_row + 1):
+        for column in range(first_column, last_column + 1):
+            i = np.float32(column) - x
+            j = np.float32(row) - y
+            scale = normal_x * i + normal_y * j + normal_z
+            limit = max_s_per_z * abs(scale)
+            value = q_middle + q_x * i + q_y * j
+            is_nearer = value > z_buffer[row, column]
+            is_inside_s = abs(e[1] * i - e[0] * j) <= limit
+            is_inside_t = abs(d[0] * j - d[1] * i) <= limit
+            if is_nearer & is_inside_s & is_inside_t:
+                z_buffer[row, column] = value
+                winner[row, column] = number
