@@ -163,41 +163,10 @@ class VideoFrames:
     def _list_frames(self) -> None:
         """List the ticks of frames [N] and of key frames, in units of the time base.
 
-        The first frame and the last group of pictures are decoded. Ticks are numbers, and all
-        frames are decoded, in a raw stream, which has no times, in AVI files and in MPEG-4 with
-        packets of several frames or none, which have those of decoding, and where times begin
-        again, because several recordings were put together.
+        The first frame and the last group of pictures are decoded, or all frames if packets do not
+        tell.
         """
-        is_irregular = False  # in MPEG-4
-        whole: list[int] = []
-        keys: list[int] = []
-        order: list[int] = []
-        places: list[tuple[int, int]] = []
-        for packet in _packets(self._container, self._number):
-            if packet.is_keyframe and packet.pts is not None:
-                keys.append(packet.pts)
-            if packet.dts is not None:
-                order.append(packet.dts)
-                places.append((packet.dts, packet.pos))
-            if not packet.size or packet.is_discard or packet.is_corrupt:
-                continue
-            if self._decoder.name == "mpeg4":
-                count = bytes(packet).count(MPEG4_FRAME)
-                # a plane without pixels has up to 19 bytes (MAX_NVOP_SIZE of FFmpeg)
-                is_irregular |= count > 1 or packet.size < 20
-            # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
-            if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
-                whole.append(packet.pts)
-        is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
-        is_avi = self._container.format.name == "avi"
-        self._has_times = not (is_avi or is_irregular)
-        # In AVI, images that do not build on others serve, if the index is right
-        index = [(entry.timestamp, entry.pos + 8) for entry in self._stream.index_entries]
-        is_seekable = self._decoder.codec.intra_only and places == index
-        is_irregular |= is_avi and not is_seekable
-        self._is_counted = is_raw or None in whole or is_irregular or order != sorted(order)
-        self._keys = [] if self._is_counted else sorted(keys)
-
+        whole = self._read_packets()
         self._restart()
         start, first = next(self._decoded, (0, None))
         if first is None:
@@ -222,7 +191,45 @@ class VideoFrames:
         stamps = self._ticks.tolist()
         if self._is_counted:
             stamps = [decoded[tick] for tick in stamps]
-        self.times_s = None if is_raw else self._times(stamps)
+        self.times_s = None if self._is_raw else self._times(stamps)
+
+    def _read_packets(self) -> list[int]:
+        """Return the ticks of frames by the packets, and find out what ticks and times are.
+
+        Ticks are numbers, and all frames must be decoded, in a raw stream, which has no times, in
+        AVI files and in MPEG-4 with packets of several frames or none, which have those of
+        decoding, and where times begin again, because several recordings were put together.
+        """
+        is_irregular = False  # in MPEG-4
+        whole: list[int] = []
+        keys: list[int] = []
+        order: list[int] = []
+        places: list[tuple[int, int]] = []
+        for packet in _packets(self._container, self._number):
+            if packet.is_keyframe and packet.pts is not None:
+                keys.append(packet.pts)
+            if packet.dts is not None:
+                order.append(packet.dts)
+                places.append((packet.dts, packet.pos))
+            if not packet.size or packet.is_discard or packet.is_corrupt:
+                continue
+            if self._decoder.name == "mpeg4":
+                count = bytes(packet).count(MPEG4_FRAME)
+                # a plane without pixels has up to 19 bytes (MAX_NVOP_SIZE of FFmpeg)
+                is_irregular |= count > 1 or packet.size < 20
+            # A bit of VP8 says whether a frame is shown, or only serves others (RFC 6386, 9.1)
+            if self._decoder.name != "vp8" or memoryview(packet)[0] & 0x10:
+                whole.append(packet.pts)
+        self._is_raw = bool(int(self._container.format.flags) & NO_TIMESTAMPS)
+        is_avi = self._container.format.name == "avi"
+        self._has_times = not (is_avi or is_irregular)
+        # In AVI, images that do not build on others serve, if the index is right
+        index = [(entry.timestamp, entry.pos + 8) for entry in self._stream.index_entries]
+        is_seekable = self._decoder.codec.intra_only and places == index
+        is_irregular |= is_avi and not is_seekable
+        self._is_counted = self._is_raw or None in whole or is_irregular or order != sorted(order)
+        self._keys = [] if self._is_counted else sorted(keys)
+        return whole
 
     def _decode_rest(self) -> dict[int, int | None]:
         """Decode from here on, and return the time stamp of each frame by its tick.
