@@ -92,19 +92,22 @@ def aligned(
     precision = (NOISE_GREY * far_s / np.array(FLOW_SIGMA)) ** 2
     estimate = prior
     for _ in range(MAX_STEPS):
-        # Gauss-Newton: how the difference of each pixel changes with shift and growth.
+        # The normal equations of a Gauss-Newton step, first those of the prior
         normal, right = np.diag(precision), precision * (prior - estimate)
         for frame in earlier:
+            # The region in this frame, moved back to its place in the last one
             places = frame.moved_px(pixels, motion.at(pixels))
             is_used = mask[box] & frame.shows(places)
             warped = cv2.remap(
                 frame.image, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )
+            # How the grey value of each pixel changes with shift and growth
             gradients = np.stack(
                 [cv2.Scharr(warped, cv2.CV_32F, dx, 1 - dx, scale=1 / 32) for dx in (1, 0)], axis=-1
             )[is_used]
             along = (gradients * (pixels - motion.middle)[is_used]).sum(axis=1)
             jacobian = frame.elapsed_s * np.column_stack([gradients, along])
+            # Differences beyond the noise count less (Huber)
             difference = last[box][is_used].astype(np.float64) - warped[is_used]
             weights = 1 / np.maximum(1, np.abs(difference) / NOISE_GREY)
             normal += (jacobian.T * weights) @ jacobian
