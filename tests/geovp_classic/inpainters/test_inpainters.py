@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.inpainters.nearest_background import NearestBackground
@@ -58,13 +57,21 @@ def test_a_view_is_continued_along_the_motion_of_the_camera() -> None:
     """A camera that rises sees new pixels above, which continue the columns, not the rows."""
     camera = Intrinsics(30.0, 30.0, 9.5, 7.5, 20, 16)
     frame = np.tile(np.arange(20, dtype=np.uint8)[None, :, None], (16, 1, 3))
+    last = Source(frame, camera, np.eye(4))
     covered = np.ones((16, 20), bool)
     covered[:6, 4:] = False
-    view = frame * covered[..., None], covered, covered.astype(np.float32)
-    last = Source(frame, camera, np.eye(4))
-    risen = se3.exp(np.array([[0, -0.2, 0, 0, 0, 0]]))
-    inpainted = inpainted_views([view], NearestBackground(), last, camera, risen)
-    np.testing.assert_array_equal(inpainted.frames[0], frame)
+    risen = np.eye(4)
+    risen[1, 3] = -2
+    view = np.where(covered[..., None], frame, np.uint8(0)), covered, np.where(covered, 10, 0)
+    for poses, is_continued in ((risen[None], True), (None, False)):
+        inpainted = inpainted_views(
+            [(view[0], view[1], view[2].astype(np.float32))],
+            NearestBackground(),
+            last,
+            camera,
+            poses,
+        )
+        assert (inpainted.frames[0] == frame).all() == is_continued
 
 
 def test_telea_continues_a_gradient() -> None:
