@@ -7,7 +7,7 @@ import numpy as np
 
 from geovp_classic.errors import BadData
 from geovp_classic.rendering.inpainting import inpaint_each
-from geovp_classic.types import BoolArray, ByteArray, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Telea:
         """Return frames [F, H, W, 3]; a frame without covered pixels becomes the last one."""
         return inpaint_each(views, last, self._inpaint_frame)
 
-    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, step: int) -> ByteArray:
+    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         covered_frame = np.where(covered[..., None], frame, np.uint8(0))
         hole = (~covered).astype(np.uint8)
         return cv2.inpaint(covered_frame, hole, self.radius_px, cv2.INPAINT_TELEA)

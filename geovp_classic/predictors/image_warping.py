@@ -42,5 +42,5 @@ def warped_prediction(
         covered = last.is_visible(pixels, has_source.astype(np.float32))
         frame = to_bytes(last.sample(pixels, covered))
         views.append((frame, covered, unknown_depth))
-    inpainted = inpainted_views(views, inpainter, last, last.camera)
+    inpainted = inpainted_views(views, inpainter, last.frame)
     return Prediction(inpainted.frames[None], inpainted.covered[None])

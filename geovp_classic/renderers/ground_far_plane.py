@@ -16,7 +16,7 @@ from geovp_classic.interfaces import Inpainter
 from geovp_classic.observation import recent
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
-from geovp_classic.rendering.source import Source, warp
+from geovp_classic.rendering.source import Source, resampled, warp
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -88,7 +88,7 @@ class GroundFarScene:
     ) -> Views:
         """Return the views from the poses [F, 4, 4]; uncovered outside the last frame."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        return inpainted_views(views, self.inpainter, self.last, intrinsics, world_from_cam)
+        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
 
     def _view(
         self, world_from_cam: FloatArray, intrinsics: Intrinsics

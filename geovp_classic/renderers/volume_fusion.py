@@ -22,7 +22,7 @@ from geovp_classic.observation import observations_of, recent
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
-from geovp_classic.rendering.source import Source, to_bytes, warp
+from geovp_classic.rendering.source import Source, resampled, to_bytes, warp
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -217,8 +217,7 @@ class VolumeScene:
     ) -> Views:
         """Return the views of the volume and the far plane from the poses [F, 4, 4]."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        inpainter = self.renderer.inpainter
-        return inpainted_views(views, inpainter, self.last, intrinsics, world_from_cam)
+        return inpainted_views(views, self.renderer.inpainter, resampled(self.last, intrinsics))
 
     def _view(
         self, world_from_cam: FloatArray, camera: Intrinsics

@@ -142,14 +142,12 @@ class CloudScene:
 
         rendered = parallel_map(render, range(len(world_from_cam)))
         # What no frame shows is inpainted, and what is magnified takes detail of the last frame.
-        last = self.sources[0]
-        views = inpainted_views(
-            [view[:3] for view in rendered], self.inpainter, last, intrinsics, world_from_cam
-        )
+        last = resampled(self.sources[0], intrinsics)
+        views = inpainted_views([view[:3] for view in rendered], self.inpainter, last)
         if self.detail is None:
             return views
         magnification = [view[3] for view in rendered]
-        frames = self.detail.transfer(views.frames, magnification, resampled(last, intrinsics))
+        frames = self.detail.transfer(views.frames, magnification, last)
         return Views(frames, views.covered, views.depths)
 
 

@@ -21,9 +21,6 @@ class Views(ShortRepr):
     depths: FloatArray  # [F, H, W] float32; 0 = unknown, inf = infinitely far
     # [F, H, W]; True where a patch that moves on its own is shown
     moving: BoolArray | None = None
-    # [F, 3, 3]; homographies from pixels to those of the last observed frame, about the motion of
-    # the image
-    last_from_view: FloatArray | None = None
 
     def __post_init__(self) -> None:
         shape = self.covered.shape
@@ -31,7 +28,6 @@ class Views(ShortRepr):
         store_checked(self, "covered", bool, shape)
         store_checked(self, "depths", np.float32, shape)
         store_checked(self, "moving", bool, shape)
-        store_checked(self, "last_from_view", np.float64, (shape[0], 3, 3))
 
 
 @dataclass(frozen=True, repr=False)

@@ -98,7 +98,7 @@ class OnnxInpainter(OnnxFile):
         """Return frames [F, H, W, 3]; a frame without covered pixels becomes the last one."""
         return inpaint_each(views, last, self._inpaint_frame)
 
-    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, step: int) -> ByteArray:
+    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         inputs = session(self).get_inputs()
         image_input, mask_input = sorted(inputs, key=lambda tensor: 3 not in tensor.shape)
         size_px = self.input_size(image_input.shape)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geovp_classic.geometry.occlusion import ALONG_COLUMNS, ALONG_ROWS, background_pixels
+from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.types import BoolArray, FloatArray
 
 
@@ -37,34 +37,3 @@ def test_pixels_match_a_slow_search(fraction: float) -> None:
 def test_infinity_is_the_farthest() -> None:
     known = np.array([[True, False, False, True]])
     assert background_pixels(known, np.array([[np.inf, 0, 0, 9.0]])).tolist() == [[0, 0, 0, 3]]
-
-
-ENLARGED = np.array([[1.2, 0, -2], [0, 1.2, -1.2], [0, 0, 1]])  # about the pixel (10, 6)
-
-
-def test_holes_are_filled_along_the_lines_on_which_pixels_move() -> None:
-    known = np.zeros((13, 21), bool)
-    known[3:10, 4:17] = True
-    rows, columns = np.divmod(background_pixels(known, np.ones(known.shape), ENLARGED), 21)
-    v, u = np.indices(known.shape)
-    angle = np.arctan2(rows - 6, columns - 10) - np.arctan2(v - 6, u - 10)
-    turned = np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
-    # A rounded pixel, three pixels from the centre or more, is off by at most half a diagonal
-    assert turned[~known].max() < np.arctan(0.5**0.5 / 3)
-    assert known[rows, columns].all()
-
-
-@pytest.mark.parametrize(
-    ("motion", "turned_motion"),
-    [(ALONG_ROWS, ALONG_COLUMNS), (ENLARGED, ENLARGED[[1, 0, 2]][:, [1, 0, 2]])],
-)
-def test_a_camera_on_its_side_copies_the_same_pixels(
-    motion: FloatArray, turned_motion: FloatArray
-) -> None:
-    rng = np.random.default_rng(1)
-    known = rng.random((13, 21)) < 0.3
-    depth = rng.uniform(1, 9, known.shape)
-    numbers = np.arange(known.size).reshape(known.shape)
-    upright = background_pixels(known, depth, motion)
-    turned = background_pixels(known.T, np.ascontiguousarray(depth.T), turned_motion)
-    np.testing.assert_array_equal(numbers.T.ravel()[turned].T, upright)

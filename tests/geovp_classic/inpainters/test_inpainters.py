@@ -9,9 +9,7 @@ from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.inpainters.telea import Telea
 from geovp_classic.interfaces import Inpainter
-from geovp_classic.rendering.inpainting import inpainted_views
-from geovp_classic.rendering.source import Source
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import ByteArray, FloatArray, Views
 
 INPAINTERS = [Blank(), NearestBackground(), Telea(), DetailTransfer(strength=0.5)]
 
@@ -51,27 +49,6 @@ def test_a_hole_takes_the_farther_side_and_of_equal_ones_the_nearer(
     column = [values.transpose(0, 2, 1) for values in row]
     inpainted = inpaint(NearestBackground(), views_of(*column))[0, :, 0, 0]
     assert inpainted.tolist() == expected
-
-
-def test_a_view_is_continued_along_the_motion_of_the_camera() -> None:
-    """A camera that rises sees new pixels above, which continue the columns, not the rows."""
-    camera = Intrinsics(30.0, 30.0, 9.5, 7.5, 20, 16)
-    frame = np.tile(np.arange(20, dtype=np.uint8)[None, :, None], (16, 1, 3))
-    last = Source(frame, camera, np.eye(4))
-    covered = np.ones((16, 20), bool)
-    covered[:6, 4:] = False
-    risen = np.eye(4)
-    risen[1, 3] = -2
-    view = np.where(covered[..., None], frame, np.uint8(0)), covered, np.where(covered, 10, 0)
-    for poses, is_continued in ((risen[None], True), (None, False)):
-        inpainted = inpainted_views(
-            [(view[0], view[1], view[2].astype(np.float32))],
-            NearestBackground(),
-            last,
-            camera,
-            poses,
-        )
-        assert (inpainted.frames[0] == frame).all() == is_continued
 
 
 def test_telea_continues_a_gradient() -> None:
