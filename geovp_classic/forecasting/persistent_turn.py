@@ -22,8 +22,8 @@ class PersistentTurn:
     # Age in which the weight of an observed twist falls by half. Chosen on videos of other cameras
     # and on KITTI's train and val, where .15 and .4 s differ by .1 dB.
     half_life_s: float = 0.2
-    # Of the variance. Chosen on videos of other cameras, where 1, 2 and 4 have an LPIPS of .002,
-    # 0 and -.003, and 8 has that of 4; on KITTI's val, 4 is better than 2 by .12 dB.
+    # Of the variance. Chosen on videos of other cameras, where the LPIPS of 1 and 4 is that of 2
+    # plus .002 and minus .003, and 8 differs little from 4; on KITTI's val, 4 gains .12 dB over 2.
     variance_factor: float = 4.0
     num_steps: int = 9  # the last ones; older twists have no weight at this half-life
 
