@@ -1,9 +1,11 @@
 """Frames of one camera in image files, read one at a time.
 
 Images are decoded only if they are complete. PNG has a checksum for every chunk. JPEG, WebP, BMP,
-PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed.
+PPM and JPEG 2000 have none: a flipped bit in their pixels is not noticed. Missing or overwritten
+bytes of a JPEG mostly are, because its codes then end too early or too late.
 """
 
+import contextlib
 import fnmatch
 import hashlib
 import io
@@ -16,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+import av
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -142,7 +145,7 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool) -> tuple[Size,
     """Return (width, height) of the stored image, and the EXIF orientation that it is shown with.
 
     BadData if the image is too large, truncated or damaged. OpenCV would show the missing part of
-    a truncated image in grey.
+    a truncated image in grey, and shift what follows a gap.
     """
     what = f"{path} cannot be decoded as an image"
     with files.checked(what, "restore or shrink it"), Image.open(file) as image:
@@ -157,13 +160,20 @@ def _check_image(path: Path, file: BinaryIO, *, is_upright: bool) -> tuple[Size,
             if orientation != 1 and not is_upright:
                 raise ValueError(f"its pixels are turned by EXIF orientation {orientation}")
             orientation = 1
-        # a PNG has checksums, a WebP is complete once it is opened, and a JPEG is decoded at an
-        # eighth of its size
+        # a PNG has checksums, and a WebP is complete once it is opened
         if image.format in ("PNG", "WEBP"):
             image.verify()
         else:
+            # Pillow notices that a JPEG has no end, and FFmpeg that its middle is damaged; both
+            # decode it at an eighth of its size
             image.draft("RGB", (1, 1))
             image.load()
+        if image.format in ("JPEG", "MPO"):
+            decoder = av.CodecContext.create("mjpeg", "r")
+            decoder.options = {"err_detect": "explode", "lowres": "3"}
+            file.seek(0)
+            with contextlib.suppress(av.PatchWelcomeError):  # it does not decode CMYK
+                decoder.decode(av.Packet(file.read()))
     is_turned = is_upright and orientation in range(2, 9)
     return size_px, orientation if is_turned else 1
 
