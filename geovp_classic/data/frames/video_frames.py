@@ -99,12 +99,19 @@ class VideoFrames:
         )
 
     def _choose_stream(self) -> int:
-        """Return the number of the stream that players show, but no cover and no thumbnail."""
+        """Return the number of the largest stream, but of no cover and no thumbnail.
+
+        Cameras write small previews beside it, which may be the default or the first. Of equal
+        ones, it is the one that players show.
+        """
         container = self._open()
         best = container.streams.best("video")
         numbers = [
             each.index
-            for each in sorted(container.streams.video, key=lambda each: each != best)
+            for each in sorted(
+                container.streams.video,
+                key=lambda each: (-each.width * each.height, each != best),
+            )
             if not each.disposition & Disposition.attached_pic
         ]
         if not numbers:

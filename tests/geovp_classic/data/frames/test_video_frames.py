@@ -161,15 +161,19 @@ def test_pixels_of_an_extreme_aspect_are_refused(tmp_path: Path) -> None:
         VideoFrames(path)
 
 
-@pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])  # Matroska states no numbers of frames
-def test_a_cover_picture_is_not_the_video(name: str, tmp_path: Path) -> None:
+# Matroska states no numbers of frames
+@pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])
+@pytest.mark.parametrize(("width_px", "count"), [(64, 1), (32, 4)])
+def test_a_cover_picture_or_a_preview_is_not_the_video(
+    name: str, width_px: int, count: int, tmp_path: Path
+) -> None:
     path = tmp_path / name
     with av.open(str(path), "w") as output:
         cover, main = output.add_stream("mjpeg", rate=10), output.add_stream("libx264", rate=10)
         cover.pix_fmt = "yuvj420p"
-        cover.height, cover.width = main.height, main.width = 48, 64
+        cover.height, cover.width, main.height, main.width = 48, width_px, 48, 64
         cover.disposition, main.disposition = Disposition.default, Disposition(0)
-        for stream, images in ((cover, grey_levels(1)), (main, grey_levels(9))):
+        for stream, images in ((cover, grey_levels(count)), (main, grey_levels(9))):
             for image in images:
                 output.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
             output.mux(stream.encode())
