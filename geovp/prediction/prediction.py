@@ -1,6 +1,7 @@
 """Prediction of one clip from a folder of images, a video or a bag."""
 
 import dataclasses
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -294,8 +295,8 @@ def _check_folder(path: Path, rate_hz: float | None) -> None:
 
     The message names what to give in place of a data set or of a folder of several recordings.
     """
-    folders = [path, *sorted(path.glob("*/"))]
-    folders = [folder for folder in folders if image_files(folder)]
+    inside = [folder for folder in sorted(path.glob("*/")) if os.access(folder, os.R_OK)]
+    folders = [folder for folder in (path, *inside) if image_files(folder)]
     if path in folders or len(folders) == 1:
         if rate_hz is None:
             raise BadData(f"{path} is a folder of images, which have no times: give --fps")

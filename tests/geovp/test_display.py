@@ -1,5 +1,6 @@
 """`geovp display`: channel, commands, drawings and sessions."""
 
+import os
 import threading
 import time
 from collections import deque
@@ -256,7 +257,7 @@ class TestSource:
             Source.open(PredictionRequest(tmp_path, fov_deg=70))
 
 
-def test_sequences_of_the_input_are_used(tmp_path: Path) -> None:
+def test_sequences_of_the_input_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Folders of a folder are sequences; one is called with a space."""
     for name, step in (("a [x]", 0), ("b c", 4)):
         write_images(tmp_path / "multi" / name, CLIP.frames[step : step + 4])
@@ -269,6 +270,8 @@ def test_sequences_of_the_input_are_used(tmp_path: Path) -> None:
         Source.open(request, "d")
     with pytest.raises(BadData, match=r"several folders of images: .*/a \[x\], .*/b c$"):
         read_recording(request)
+    monkeypatch.setattr(os, "access", lambda path, _: path.name != "b c")  # cannot be read
+    assert len(read_recording(request)[0].times_s) == 4
 
 
 def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:

@@ -5,6 +5,7 @@ are read when they are needed; a bag is never in memory as a whole.
 """
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -60,7 +61,7 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
 def is_bag(path: Path) -> bool:
     """Return whether a path is a bag by its name, or a folder that ROS 2 wrote."""
     if path.is_dir():
-        return (path / "metadata.yaml").is_file()
+        return os.path.isfile(path / "metadata.yaml")  # False in a folder that cannot be read
     return path.suffix.lower() in (".bag", ".mcap", ".db3")
 
 
