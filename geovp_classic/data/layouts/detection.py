@@ -9,7 +9,7 @@ from geovp_classic.data.layouts.cityscapes import Cityscapes
 from geovp_classic.data.layouts.colmap import Colmap
 from geovp_classic.data.layouts.euroc import Euroc
 from geovp_classic.data.layouts.folder import JSON_ADVICE, Folder
-from geovp_classic.data.layouts.kitti import Kitti
+from geovp_classic.data.layouts.kitti import Kitti, refuse_part
 from geovp_classic.data.layouts.kitti_raw import KittiRaw
 from geovp_classic.data.layouts.rosbag import RosBag
 from geovp_classic.data.layouts.tum import Tum
@@ -33,8 +33,10 @@ def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, 
     """Return the name of a folder's data set, and the data set itself.
 
     Its settings are checked, but its files are not, which is for the doctor to do. BadData if the
-    folder looks like no data set.
+    folder looks like no data set, or, without settings, is a part of one that has the camera.
     """
+    if settings is None:
+        refuse_part(root)
     for name, layout in LAYOUTS.items():
         unread = type(layout.__name__, (layout,), {"_check_files": lambda _: None})
         try:

@@ -61,6 +61,7 @@ class Kitti(PosedSequences):
         """Return the sequences of the root by name; BadData if it is not KITTI odometry."""
         folder = self.root / "sequences"
         if not folder.is_dir():
+            refuse_part(self.root)
             raise BadData(
                 f"{self.root} holds no folder 'sequences': give KITTI odometry's 'dataset'"
             )
@@ -110,6 +111,14 @@ class Kitti(PosedSequences):
         right_from_left = se3.inverse(right.rig_from_cam) @ left.rig_from_cam
         side = SideCamera(view.frames, view.intrinsics, right_from_left)
         return replace(recording, right=side)
+
+
+def refuse_part(path: Path) -> None:
+    """Raise BadData for a path inside KITTI odometry, such as its sequences or one of them."""
+    for folder in (path.absolute() / "image").parents:  # the path itself, and those around it
+        root = folder.parent
+        if folder.name in ("sequences", "poses") and any(root.glob("sequences/*/image_?")):
+            raise BadData(f"{path} is a part of KITTI odometry: give its root, {root}")
 
 
 def rectified(

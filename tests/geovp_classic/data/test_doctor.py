@@ -171,11 +171,18 @@ def test_a_change_of_size_is_found_at_the_end(tmp_path: Path) -> None:
 
 
 def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
-    for name in ("kitti/sequences", "raw/2011_09_26", "nerf/transforms.json"):
+    for name in (
+        "kitti/sequences",
+        "raw/2011_09_26",
+        "nerf/transforms.json",
+        "a/sequences/b/image_0",
+    ):
         (tmp_path / name).mkdir(parents=True)
     for name, message in (
         ("kitti", r"like kitti but holds no sequence: unpack one .*guide/kitti\.md"),
         ("raw", r"like kitti-raw but holds no sequence"),
+        ("a/sequences", "is a part of KITTI odometry: give its root, .*/a$"),
+        ("a/sequences/b/image_0", "give its root, .*/a$"),
         ("none", "does not exist"),
         ("nerf", r"transforms\.json is not read: .* give the COLMAP model"),
     ):
