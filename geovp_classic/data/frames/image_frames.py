@@ -284,8 +284,7 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f"{equal[0].name} and {equal[1].name} have the same number: remove one of them{choice}"
         )
     # "1.5" and "1.25" have another order as decimal numbers than by their parts.
-    decimal = r"\d+\.\d+(e[-+]\d+)?"
-    is_decimal = all(re.fullmatch(decimal, path.stem) for path in paths)
+    is_decimal = all(re.fullmatch(r"\d+\.\d+(e[-+]\d+)?", path.stem) for path in paths)
     if is_decimal and sorted(paths, key=lambda path: float(path.stem)) != paths:
         raise BadData(
             f"{folder} holds {paths[0].name} to {paths[-1].name}, whose order is another if they "
@@ -297,6 +296,15 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f"{folder} holds {paths[0].name} to {paths[-1].name}, as of several cameras: give "
             f'name_pattern = "{patterns[0]}" or "{patterns[1]}", or "*" for all images in this '
             "order"
+        )
+    # The counter of a camera began again after 9999: the numbers have a gap inside, not at the ends
+    numbers = [int(each) for path in paths for each in re.findall(r"^\D*(\d+)\D*$", path.stem)]
+    numbers = numbers or [0]
+    end_gap = numbers[0] + 10 ** len(str(numbers[-1])) - numbers[-1]
+    if name_pattern is None and max(np.diff(numbers), default=0) > max(100, 10 * end_gap):
+        raise BadData(
+            f"{folder} holds {paths[0].name} to {paths[-1].name}, as if a counter began again: "
+            'number the images in their order, or give name_pattern = "*" for this order'
         )
     return paths
 

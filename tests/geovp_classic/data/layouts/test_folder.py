@@ -187,6 +187,7 @@ def test_several_series_in_a_folder_are_refused_or_chosen(images: Path) -> None:
         (tuple(f"{n}_{k}.png" for n in "789" for k in "12"), r'name_pattern = "\*_1.png" or'),
         (tuple(f"cam{k}_{n}.png" for k in "01" for n in "123"), r'"cam0_\*.png" or "cam1_\*.png"'),
         (tuple(f"{7919 * n:x}.png" for n in range(40)), "no common form"),  # hexadecimal
+        (tuple(f"DSC0{n}.png" for n in (9998, 9999, "0001")), "a counter began again"),
         (("10.5.png", "10.25.png", "10.75.png"), "decimal numbers"),
         (("1.0e+00.png", "1.0e-01.png", "2.0e-01.png"), "decimal numbers"),
     ],
