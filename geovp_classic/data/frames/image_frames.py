@@ -9,6 +9,7 @@ import contextlib
 import fnmatch
 import hashlib
 import io
+import itertools
 import math
 import os
 import re
@@ -297,16 +298,25 @@ def image_series(folder: Path, name_pattern: str | None = None) -> list[Path]:
             f'name_pattern = "{patterns[0]}" or "{patterns[1]}", or "*" for all images in this '
             "order"
         )
-    # The counter of a camera began again after 9999: the numbers have a gap inside, not at the ends
-    numbers = [int(each) for path in paths for each in re.findall(r"^\D*(\d+)\D*$", path.stem)]
-    numbers = numbers or [0]
-    end_gap = numbers[0] + 10 ** len(str(numbers[-1])) - numbers[-1]
-    if name_pattern is None and max(np.diff(numbers), default=0) > max(100, 10 * end_gap):
+    if name_pattern is None and _began_again(paths):
         raise BadData(
             f"{folder} holds {paths[0].name} to {paths[-1].name}, as if a counter began again: "
             'number the images in their order, or give name_pattern = "*" for this order'
         )
     return paths
+
+
+def _began_again(paths: list[Path]) -> bool:
+    """Return whether a camera's counter seems to have gone from 9999 to 1.
+
+    Its numbers have a wide gap inside, but none from the last one to the first.
+    """
+    numbers = [int(each) for path in paths for each in re.findall(r"^\D*(\d+)\D*$", path.stem)]
+    if len(numbers) < 2:
+        return False
+    gaps = [after - before for before, after in itertools.pairwise(numbers)]
+    end_gap = numbers[0] + 10 ** len(str(numbers[-1])) - numbers[-1]
+    return max(gaps) > max(100, 10 * end_gap, 10 * min(gaps))
 
 
 def _matching(paths: list[Path], name_pattern: str) -> list[Path]:
