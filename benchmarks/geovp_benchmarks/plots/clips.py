@@ -39,14 +39,14 @@ def clip_pages(material: Material, number: int, name: str) -> list[Page]:
 
 def notes(material: Material, method: Method, clip: str) -> list[str]:
     """Return the scores of the first sample on a clip."""
-    notes = [f"sample 1 of {method.num_samples}"] if method.num_samples > 1 else []
-    place = material.protocol["clips"].index(clip)
+    place, notes, num_samples = material.protocol["clips"].index(clip), [], 1
     for metric, facts in material.frame_metrics.items():
-        values = material.values(method, metric)[place, 0]
-        if np.isfinite(values).any():
+        values = material.values(method, metric)
+        num_samples = max(num_samples, values.shape[1])
+        if np.isfinite(values[place, 0]).any():
             title = stored_facts.title(metric)
-            notes.append(f"{title} {np.nanmean(values):#.3g} {facts['unit']}".strip())
-    return notes
+            notes.append(f"{title} {np.nanmean(values[place, 0]):#.3g} {facts['unit']}".strip())
+    return [f"sample 1 of {num_samples}", *notes] if num_samples > 1 else notes
 
 
 def _draw_paths(

@@ -155,7 +155,7 @@ def _curves(material: Material, metric: str, shown: Sequence[Method]) -> list[Cu
             continue
         if is_of_poses and not against and np.allclose(np.nan_to_num(samples), 0):
             continue  # true poses, whose errors are 0 but for rounding
-        for suffix, reduce in reductions(method.num_samples).items():
+        for suffix, reduce in reductions(samples.shape[1]).items():
             if reduce is best_of_samples and higher is None:
                 continue
             values = reduce(samples, higher)

@@ -213,8 +213,9 @@ def method_scores(
         # Failed clips are copies of the last frame, which count unless `strict`.
         left_out = np.isin(clips, [*method.scored.failures]) & strict
         of_sets = _set_scores(results, method, left_out)
-        # Of samples the mean, and the best one by the real future.
-        for suffix, reduce in reductions(method.num_samples).items():
+        # Of samples the mean, and the best one by the real future; some methods have only one
+        num_samples = max((of_samples.shape[1] for of_samples in samples.values()), default=1)
+        for suffix, reduce in reductions(num_samples).items():
             scores = {**of_sets}
             row = Row(
                 method.label + suffix,
