@@ -8,7 +8,6 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 STEP_S = 0.1
-TIMES_S = STEP_S * np.arange(10, 30)
 
 
 def moved(
@@ -22,20 +21,23 @@ def moved(
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_uniform_translation_continues_in_any_direction(axis: int) -> None:
-    twist = np.zeros((29, 6))
-    twist[:, axis] = 10.0  # a step of 1
-    whole = moved(twist)
-    ahead = PersistentTurn().forecast(whole[:10], TIMES_S)[0]
+    whole = moved(np.tile(10 * np.eye(6)[axis], (29, 1)))  # a step of 1
+    ahead = PersistentTurn().forecast(whole[:10], whole.times_s[10:])[0]
     np.testing.assert_allclose(ahead, whole.world_from_cam[10:], atol=0.02)
 
 
 def test_a_turn_is_shrunk_by_its_variance() -> None:
     """Rates of .2 and .4 in turn, without forgetting: mean .3, unbiased variance .1^2 n / (n-1)."""
-    rates = np.tile([0.2, 0.4], 5)
-    twist = np.zeros((10, 6))
-    twist[:, 4] = rates
-    past = moved(twist)
+    past = moved(np.tile([0.2, 0.4], 5)[:, None] * np.eye(6)[4])
     forecaster = PersistentTurn(half_life_s=1e9, variance_factor=2.0, num_steps=10)
-    variance = 0.1**2 * 10 / 9
-    expected = 0.3 * 0.3**2 / (0.3**2 + 2 * variance)
-    np.testing.assert_allclose(forecaster.twist_per_s(past)[4], expected, rtol=1e-6)
+    expected = 0.3**3 / (0.3**2 + 2 * 0.1**2 * 10 / 9)
+    np.testing.assert_allclose(forecaster.twists_per_s(past)[0][4], expected, rtol=1e-6)
+
+
+def test_a_sway_swings_back() -> None:
+    """A rate of 1 after steps without rotation: 1 at first, widest after .3 s, and none at the end."""
+    forecaster = PersistentTurn(present_half_life_s=1e-3, variance_factor=1e9)
+    past = moved(np.eye(6)[[0] * 8 + [4]])
+    ahead = forecaster.forecast(past, np.array([0.901, 1.2, 9]))[0]
+    turns = se3.log(se3.inverse(past.world_from_cam[-1]) @ ahead)[:, 4]
+    np.testing.assert_allclose(turns, [1e-3, 0.3 / np.e, 0], atol=1e-5)
