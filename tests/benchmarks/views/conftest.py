@@ -57,7 +57,7 @@ def straight(metres_a_step: float, count: int, *, is_metric: bool = True) -> Tra
 
 
 def record(name: str) -> Method:
-    source, renderer, status, _, _, _ = METHODS[name]
+    source, renderer, status, *_ = METHODS[name]
     facts: dict[str, Any] = {
         "components": {"predictor": {"name": name}},
         "privileged_inputs": ["PAST_POSES"] if source == "gt" else [],
