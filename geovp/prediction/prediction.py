@@ -18,7 +18,7 @@ from geovp_classic import registry
 from geovp_classic.api import SHOWN_BY, evaluate
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import bags
-from geovp_classic.data.frames.image_frames import image_files
+from geovp_classic.data.frames.image_names import image_files
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import is_video
 from geovp_classic.data.layouts import detection

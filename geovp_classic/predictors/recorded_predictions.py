@@ -7,7 +7,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.formats import pose_files
-from geovp_classic.data.frames import image_frames, video_frames
+from geovp_classic.data.frames import image_frames, image_names, video_frames
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Context, Motion, Prediction, PrivilegedInput, Trajectory
 
@@ -84,7 +84,7 @@ class RecordedPredictions:
 
 def _read_images(folder: Path) -> ByteArray:
     """Read frames [F, H, W, 3] of a folder."""
-    paths = image_frames.image_files(folder)
+    paths = image_names.image_files(folder)
     expected = "expected one or more images of one size"
     with files.checked(f"{folder} holds {len(paths)} images", expected):
         return np.stack([image_frames.read_image(path) for path in paths])

@@ -14,7 +14,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames.image_frames import (
+from geovp_classic.data.frames.image_names import (
     frame_numbers,
     images_below,
     natural_order,

@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import pose_files
-from geovp_classic.data.frames.image_frames import frame_numbers, image_files, image_series
+from geovp_classic.data.frames.image_names import frame_numbers, image_files, image_series
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.data.frames.video_frames import VideoFrames
 from geovp_classic.data.recordings.scans import Scan, per_frame, sequence_folders

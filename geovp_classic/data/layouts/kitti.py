@@ -15,7 +15,8 @@ from geovp_classic.data.formats.calibration_files import (
     KITTI_CAMERAS,
     read_projection,
 )
-from geovp_classic.data.frames.image_frames import image_size, numbered_images
+from geovp_classic.data.frames.image_frames import image_size
+from geovp_classic.data.frames.image_names import numbered_images
 from geovp_classic.data.recordings import splits
 from geovp_classic.data.recordings.scans import Scan, per_frame
 from geovp_classic.data.recordings.sequences import PosedSequences

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.formats import pose_files
 from geovp_classic.data.formats.calibration_files import read_entry
-from geovp_classic.data.frames.image_frames import numbered_images
+from geovp_classic.data.frames.image_names import numbered_images
 from geovp_classic.data.layouts import kitti
 from geovp_classic.data.layouts.kitti import Kitti
 from geovp_classic.data.recordings.scans import Scan, per_frame

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import street
 
-from geovp_classic.data.frames.image_frames import image_files, read_image
+from geovp_classic.data.frames.image_frames import read_image
+from geovp_classic.data.frames.image_names import image_files
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.pinhole import grey8
