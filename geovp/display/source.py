@@ -46,10 +46,10 @@ class Source:
         if is_camera:
             recording = _camera(request)
             numbers = range(1)
-        elif detection.detect(path, {})[0] == "folder" or (
+        elif (layout := detection.detect(path, is_part_allowed=True))[0] == "folder" or (
             bags.is_bag(path) and request.has_camera
         ):
-            folders = detection.detect(path, {})[1].folders()  # one, or those of several sequences
+            folders = layout[1].folders()  # one, or those of several sequences
             stretch = FrameRange.parse(sequence or next(iter(folders)))
             if sequence is not None and path in folders.values():
                 raise BadData(f"{path} has no sequences: remove --sequence")

@@ -6,7 +6,8 @@ mean times mean^2 / (mean^2 + variance), the linear estimate with the least mean
 a future rate with this mean and variance (Wiener 1949).
 
 At present the rates are others. They do not change at once: the camera swings on, and then back to
-its mean path, like a critically damped oscillator that is at rest on it and gets this velocity.
+its mean path, like a critically damped oscillator that gets the difference v of the rates as its
+velocity at rest: x'' + 2 x' / T + x / T^2 = 0 with x(0) = 0 and x'(0) = v has x(t) = v t exp(-t/T).
 """
 
 from dataclasses import dataclass
@@ -58,10 +59,11 @@ class PersistentTurn:
         last = past.world_from_cam[-1]
         if len(past) == 1:
             return np.tile(last, (num_samples, len(times_s), 1, 1))
-        expected, present = self.twists_per_s(past)
+        # The expected motion goes on, and the present one swings back to it
+        expected_per_s, present_per_s = self.twists_per_s(past)
         ahead_s = times_s[:, None] - past.times_s[-1]
-        sway = ahead_s * np.exp(-ahead_s / self.sway_s) * (present - expected)
-        future = last @ se3.exp(ahead_s * expected + sway)
+        sway = ahead_s * np.exp(-ahead_s / self.sway_s) * (present_per_s - expected_per_s)
+        future = last @ se3.exp(ahead_s * expected_per_s + sway)
         return np.tile(future, (num_samples, 1, 1, 1))
 
     def twists_per_s(self, past: Trajectory) -> tuple[FloatArray, FloatArray]:

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> LinesAndCode:
         advice = "`geovp run` with the same matrix computes what is missing"
         yield from [*findings, advice if findings else "nothing is missing"]
         return int(bool(findings))
-    name, dataset = detection.detect(root)
+    name, dataset = detection.detect(root, is_part_allowed=bool(settings))
     settings = registry.values_of(type(dataset), settings, "datasets", name)
     diagnosis = Doctor().examine(root, settings, deep=args.deep, watch=tracked)
     rows = [list(row.values()) for row in diagnosis.rows]

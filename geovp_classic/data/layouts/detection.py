@@ -29,13 +29,16 @@ LAYOUTS: dict[str, Any] = {
 }
 
 
-def detect(root: Path, settings: Mapping[str, Any] | None = None) -> tuple[str, Any]:
+def detect(
+    root: Path, settings: Mapping[str, Any] | None = None, *, is_part_allowed: bool = False
+) -> tuple[str, Any]:
     """Return the name of a folder's data set, and the data set itself.
 
     Its settings are checked, but its files are not, which is for the doctor to do. BadData if the
-    folder looks like no data set, or, without settings, is a part of one that has the camera.
+    folder looks like no data set, or is a part of one, whose root has the camera and the poses.
+    Settings may give these, and callers may do without.
     """
-    if settings is None:
+    if not (settings or is_part_allowed):
         refuse_part(root)
     for name, layout in LAYOUTS.items():
         unread = type(layout.__name__, (layout,), {"_check_files": lambda _: None})

@@ -116,7 +116,8 @@ class Kitti(PosedSequences):
 
 def refuse_part(path: Path) -> None:
     """Raise BadData for a path inside KITTI odometry, such as its sequences or one of them."""
-    for folder in (path.absolute() / "image").parents:  # the path itself, and those around it
+    absolute = path.absolute()
+    for folder in (absolute, *absolute.parents):
         root = folder.parent
         if folder.name in ("sequences", "poses") and any(root.glob("sequences/*/image_?")):
             raise BadData(f"{path} is a part of KITTI odometry: give its root, {root}")
