@@ -56,7 +56,6 @@ class WindowCorrelation:
         The second array [H, W] states whether a source sees a pixel on the farthest or the nearest
         plane. Points between these are seen where those are.
         """
-        height, width = reference.shape
         num_planes = len(inverse_depths)
         # The homography of a plane that faces the camera is K R inv(K) + q K t (0, 0, 1) (Hartley &
         # Zisserman 2004, eq. 13.2).
@@ -71,7 +70,7 @@ class WindowCorrelation:
         near_costs = (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
         texture = np.maximum(1 - self.noise_variance * windows[2] ** 2, 0)
         unseen_costs = (max_cost * (1 - self.unseen_correlation * texture)).astype(np.uint8)
-        costs = np.empty((height, width, num_planes), np.uint8)
+        costs = np.empty((*reference.shape, num_planes), np.uint8)
 
         def match(first: int) -> None:
             # A band holds the rows of a task and those that their windows reach.
@@ -97,7 +96,7 @@ class WindowCorrelation:
             # OpenCV transposes in blocks, ten times as fast as NumPy.
             cv2.transpose(planes.reshape(num_planes, -1), rows.reshape(-1, num_planes))
 
-        parallel_map(match, range(0, height, ROWS_PER_TASK))
+        parallel_map(match, range(0, len(reference), ROWS_PER_TASK))
 
         # `_write_mean_costs` writes these costs where no source sees the outermost planes
         outermost = [0, -1]

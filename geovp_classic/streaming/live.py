@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from typing import Self
 
 import numpy as np
 
@@ -46,6 +47,12 @@ class LiveView:
     path_sides_px: FloatArray  # [2, M, 2], the left and right edge of its uncertainty
     caution: str | None = None  # why the shown prediction may be wrong
     moving: BoolArray | None = None  # [H, W]; True: shown as moving on its own
+
+    @classmethod
+    def late(cls, image: ByteArray, age_s: float, warning: str | None) -> Self:
+        """Return a view that shows the newest frame [H, W, 3] without a planned track."""
+        covered = np.ones(image.shape[:2], bool)
+        return cls(image, covered, 0.0, warning, age_s, np.zeros((0, 2)), np.zeros((2, 0, 2)))
 
     @property
     def is_predicted(self) -> bool:
@@ -179,15 +186,8 @@ class LivePredictor:
             last_from_present = checked_rigid("last_from_present", last_from_present, 2)
 
         # Without a prediction that is to be trusted, show the newest frame
-        late = LiveView(
-            frame=newest.image,
-            covered=np.ones(newest.image.shape[:2], bool),
-            confidence=0.0,
-            warning=state.warning(self.settings, time_s, is_given),
-            age_s=time_s - newest.time_s,
-            path_px=np.zeros((0, 2)),
-            path_sides_px=np.zeros((2, 0, 2)),
-        )
+        warning = state.warning(self.settings, time_s, is_given)
+        late = LiveView.late(newest.image, time_s - newest.time_s, warning)
         if late.warning is not None or present is None:
             return late
 
