@@ -55,7 +55,8 @@ class Commanded:
         else:
             last_from_cam = _read_kitti(self.futures, len(ahead_s))
         futures = past.world_from_cam[-1] @ last_from_cam
-        return Motion(past, futures[None], np.ones(context.num_past, dtype=bool))
+        tracked = np.ones(context.num_past, dtype=bool)
+        return Motion(past, futures[None], tracked, is_commanded=True)
 
     def _constant_turn(self, past: Trajectory, ahead_s: FloatArray) -> FloatArray:
         """Return last_from_cam [F, 4, 4] of the commanded speed and turn rate."""

@@ -56,8 +56,11 @@ class GeometricPredictor:
         return ShownScene(scene, usable, observed.crop_mask(needs), past.world_from_cam[-1])
 
     def judge(self, scene: ShownScene, motion: Motion) -> ShownScene:
-        """Return the scene with the verdict of the hindcast on what is to be shown."""
-        if self.hindcast is None:
+        """Return the scene with the verdict of the hindcast on what is to be shown.
+
+        The image does not follow commands, so that nothing replaces the scene then.
+        """
+        if self.hindcast is None or motion.is_commanded:
             return scene
         # The poses are known: their forecast and the scene are tested. So is the scene mask: in a
         # part of the frames, the road of a straight drive may look fixed to the camera

@@ -64,7 +64,7 @@ class Hindcast:
         """Return by what a clip is shown, given the predictor by geometry.
 
         All observed frames of the context [P] must be usable; pixels of the mask [H, W] are not
-        compared. With fewer than four frames there is no test.
+        compared. With fewer than four frames, or too few for a component, there is no test.
         """
         if context.num_past < 4:
             return Verdict()
@@ -89,6 +89,8 @@ class Hindcast:
                 prediction = candidate.predict(first.only(candidate.needs))
             except Incompatible:  # too few corners, for example
                 errors[name] = np.inf
+            except BadData:  # settings that half of the frames do not suit
+                return Verdict()
             else:
                 errors[name] = self.error(prediction.frames[0], second.frames, mask)
         return self.verdict([errors])

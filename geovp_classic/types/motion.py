@@ -112,6 +112,8 @@ class Motion(ShortRepr):
     tracked: BoolArray
     # Component that forecast the futures; None: not known, or they were not forecast
     forecaster: Any = None
+    # By an operator: what was observed says nothing about the futures
+    is_commanded: bool = False
 
     def __post_init__(self) -> None:
         store_rigid(self, "futures", 4)

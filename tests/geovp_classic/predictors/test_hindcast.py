@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import pinhole
 from geovp_classic.observation import Observer
 from geovp_classic.observation.camera_fixed import CameraFixedDetection
 from geovp_classic.odometry.recorded_past import RecordedPast
 from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.commanded import Commanded
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.predictors.geometric import GeometricPredictor
@@ -117,7 +119,7 @@ def test_the_last_frame_is_shown_where_nothing_predicts_better() -> None:
     prediction, context = predict(still, Wall(), copies)
     assert (prediction.frames == context.frames[-1]).all()
     assert (prediction.shown_by, prediction.is_trusted) == ("last-frame", False)
-    assert prediction.is_copy.tolist() == [[True, True]]
+    assert prediction.copied.all(axis=(2, 3)).tolist() == [[True, True]]
     assert not prediction.covered.any()
 
 
@@ -191,7 +193,7 @@ def test_from_the_last_pose_the_last_frame_is_shown() -> None:
     prediction, context = predict(still, Wall(), hindcast=None)
     np.testing.assert_array_equal(prediction.frames[0, 0], context.frames[-1])
     np.testing.assert_array_equal(prediction.frames[0, 1], wall(poses[-1])[0])
-    assert prediction.is_copy.tolist() == [[True, False]]
+    assert prediction.copied.all(axis=(2, 3)).tolist() == [[True, False]]
     assert prediction.is_trusted
 
 
@@ -239,6 +241,21 @@ def test_the_hindcast_forecasts_the_tracked_past() -> None:
     prediction = GeometricPredictor(source, Wall(), hindcast=HINDCAST).predict(context)
     assert odometry.count == 1
     assert prediction.shown_by == "geometry"
+
+
+def test_neither_a_command_nor_too_few_frames_are_a_test() -> None:
+    """Half of the frames do not suit the second renderer."""
+
+    class Demanding(Wall):
+        def reconstruct(self, context: Context, past: Trajectory) -> Wall:
+            if len(past) < NUM_PAST:
+                raise BadData("too few frames")
+            return self
+
+    commanded, (context, _) = Commanded(speed_m_s=1.0), clip().split(NUM_PAST, Commanded.needs)
+    predictor = GeometricPredictor(commanded, Wall(offset=2.4), hindcast=HINDCAST)
+    assert predictor.predict(context).is_trusted
+    assert predict(clip(), Demanding(offset=2.4))[0].is_trusted
 
 
 class Hasty(CameraFixedDetection):
