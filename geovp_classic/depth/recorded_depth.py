@@ -66,24 +66,29 @@ class RecordedDepth:
             )
         for step, file in enumerate(stored):
             if file is not None:
-                maps[step] = self._read(file, context.intrinsics)
+                maps[step] = self._read(file, context)
         if self.align:
             return self.alignment.align(maps, context.only(self.needs), past)
         return metric(maps, past)
 
-    def _read(self, file: Path, camera: Intrinsics) -> FloatArray:
+    def _read(self, file: Path, context: Context) -> FloatArray:
         """Return the inverse depth [H, W] of one frame, NaN where it is unknown."""
+        # Maps are of whole images, of which the context may hold a window
+        observed = context.observations
+        left, top, right, bottom = (0, 0, 1, 1) if observed is None else observed.window
+        width_px, height_px = context.intrinsics.size_px
+        size_px = round(width_px / (right - left)), round(height_px / (bottom - top))
         stored = _read_map(file)
         stored_camera = Intrinsics(1.0, 1.0, 0.0, 0.0, stored.shape[1], stored.shape[0])
         if self.frames == "full":
-            window, _ = pinhole.centre_crop(stored_camera, camera.size_px)
+            window, _ = pinhole.centre_crop(stored_camera, size_px)
             stored = stored[window]
         # Means across an edge would lie on no surface.
         values = cv2.resize(
             np.ascontiguousarray(stored),
-            camera.size_px,
+            size_px,
             interpolation=cv2.INTER_NEAREST_EXACT,
-        )
+        )[round(top * size_px[1]) :, round(left * size_px[0]) :][:height_px, :width_px]
         return inverse_of(values, self.values, self.unit)
 
 

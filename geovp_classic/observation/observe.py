@@ -95,7 +95,12 @@ class Observer:
                 reduced = replace(reduced, **{field: images[:, *window]})
         camera = reduced.intrinsics
         observations = Observations(
-            reduced.frames, greys[:, *window], is_usable, camera, mask[window]
+            reduced.frames,
+            greys[:, *window],
+            is_usable,
+            camera,
+            mask[window],
+            _fractions(window, mask),
         )
         reduced = replace(reduced, observations=observations)
         # The same of the uncropped frames, at the resolution that pays.
@@ -107,13 +112,14 @@ class Observer:
             full_window = self._window(full_mask)
             full = _windowed(full, full_window)
             future_full = context.future_full
+            observed_full = self.full_observations(
+                full, camera, full_usable, full_mask[full_window]
+            )
             reduced = replace(
                 reduced,
                 full=full,
                 future_full=future_full and _windowed(future_full, full_window),
-                full_observations=self.full_observations(
-                    full, camera, full_usable, full_mask[full_window]
-                ),
+                full_observations=replace(observed_full, window=_fractions(full_window, full_mask)),
             )
         return Observed(reduced, mask, mask_with_full, context)
 
@@ -233,6 +239,18 @@ def recent(
 def _greys(frames: Iterable[ByteArray]) -> ByteArray:
     """Return the grey images [N, H, W] of frames [H, W, 3]."""
     return np.stack([pinhole.grey8(frame) for frame in frames])
+
+
+def _fractions(window: Window, mask: BoolArray) -> tuple[float, float, float, float]:
+    """Return left, top, right and bottom of a window as fractions of the whole image."""
+    rows, columns = window
+    height, width = mask.shape
+    return (
+        columns.start / width,
+        rows.start / height,
+        columns.stop / width,
+        rows.stop / height,
+    )
 
 
 def _windowed(view: View, window: Window) -> View:

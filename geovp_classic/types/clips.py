@@ -133,6 +133,8 @@ class Observations(ShortRepr):
     is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
     intrinsics: Intrinsics
     mask: BoolArray  # [H, W]; True for pixels that do not show the scene, such as a time stamp
+    # Left, top, right and bottom border of the scene, as fractions of the whole image
+    window: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
         shape = np.shape(self.frames)[:3]

@@ -11,7 +11,8 @@ import street
 
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.types import FloatArray
+from geovp_classic.observation import Observer
+from geovp_classic.types import BoolArray, FloatArray
 
 CLIP = replace(street.clip(), name="street/000003")
 NUM_PAST = 6
@@ -19,12 +20,16 @@ LAST = 8  # number of the last observed frame in the sequence
 TRUTH = 1 / CLIP.depths[NUM_PAST - 1]  # [H, W]
 
 
-def estimate(path: Path, **settings: Any) -> tuple[FloatArray, FloatArray]:
+def estimate(
+    path: Path, mask: BoolArray | None = None, **settings: Any
+) -> tuple[FloatArray, FloatArray]:
     """Return inverse depth and confidence [H, W] of the last observed frame."""
     source = registry.build(
         "depth_sources", {"name": "recorded", "path": str(path), "frames": "crop", **settings}
     )
     context, _ = CLIP.split(NUM_PAST, source.needs)
+    if mask is not None:
+        context = Observer(mask=mask, mask_mode="replace").observe(context).context
     past = replace(CLIP.trajectory[:NUM_PAST], is_metric=not settings.get("align"))
     inverse_depths, confidence = source.inverse_depths(context, past)
     return inverse_depths[-1], confidence[-1]
@@ -40,6 +45,16 @@ def test_maps_of_uncropped_frames_are_cropped_and_resized(tmp_path: Path) -> Non
     np.testing.assert_allclose(inverse_depth[20:], TRUTH[20:], rtol=1e-6)
     assert (confidence[:20] == 0).all()
     assert (confidence[20:] == 1).all()
+
+
+def test_maps_are_reduced_to_the_scene_as_the_frames_are(tmp_path: Path) -> None:
+    """A mask over the lower quarter and the left tenth leaves a window."""
+    np.savez(tmp_path / f"{LAST}.npz", CLIP.depths[NUM_PAST - 1])
+    height, width = TRUTH.shape
+    mask = np.zeros(TRUTH.shape, bool)
+    mask[3 * height // 4 :] = mask[:, : width // 10] = True
+    inverse_depth, _ = estimate(tmp_path, mask)
+    np.testing.assert_allclose(inverse_depth, TRUTH[: 3 * height // 4, width // 10 :], rtol=1e-6)
 
 
 def test_16_bit_images_hold_multiples_of_a_unit(tmp_path: Path) -> None:
