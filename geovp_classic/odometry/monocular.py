@@ -216,12 +216,6 @@ class MonocularRun:
         return self.settings.trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
     @property
-    def pitch_rad(self) -> float:
-        """Return the mean angle of the viewing axis above the direction of travel."""
-        images, _ = self._tracked_images()
-        return images.pitch_rad
-
-    @property
     def is_lost(self) -> bool:
         """Return whether the newest frames could not be tracked for longer than is bridged."""
         tracked = self._tracker.poses().tracked

@@ -10,7 +10,6 @@ from typing import Self
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible, check_kind
-from geovp_classic.geometry import planar
 from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.pose_sources.chained import Chained
@@ -80,6 +79,8 @@ class LivePredictor:
         check_kind("intrinsics", intrinsics, Intrinsics, "Intrinsics")
         check_kind("camera_height_m", camera_height_m, (Real, type(None)), "a number or None")
         check_kind("settings", settings, (LiveSettings, type(None)), "LiveSettings or None")
+        if camera_height_m is not None and not 0 < camera_height_m < np.inf:
+            raise BadData(f"camera_height_m is {camera_height_m}, expected a positive number")
         self.intrinsics = intrinsics
         self.settings = settings or LiveSettings()
         if camera_height_m is None:  # no metric scale
@@ -151,8 +152,7 @@ class LivePredictor:
             times_s, futures = forecast(forecaster, past, self.settings)
         with _timed("hindcast", seconds):
             scene = self._hindcast.judge(scene, added)
-        plane = planar.level_vehicle_from_cam(odometry.pitch_rad)
-        present = Present(self.settings, scene, past, tracked, times_s, futures, plane)
+        present = Present(self.settings, scene, past, tracked, times_s, futures)
         self._hindcast.remember(present)
 
         # Views show it from now on
@@ -168,7 +168,7 @@ class LivePredictor:
         """Return what the camera sees at a time, after the forecast motion since the last frame.
 
         Commands replace the forecast, and so does a motion in metres that is known otherwise, such
-        as from an IMU. The arrays of a view are read-only. Raise Incompatible before the first
+        as from an IMU. The frame of a view is read-only. Raise Incompatible before the first
         frame, or where these need the camera's height; BadData for other input.
         """
         state = self._state
@@ -212,7 +212,7 @@ class LivePredictor:
             frame=views.frames[0],
             covered=covered,
             confidence=confidence,
-            caution=present.caution(late.age_s, confidence),
+            caution=present.caution(late.age_s, confidence, is_given),
             moving=None if views.moving is None else views.moving[0],
         )
 
@@ -222,8 +222,8 @@ class LivePredictor:
         image = np.asarray(frame)
         if image.shape != shape or image.dtype != np.uint8:
             raise BadData(
-                f"the frame is {image.dtype} {image.shape}, expected uint8 {shape}: resize it, "
-                "or give the intrinsics of this size"
+                f"the frame is {image.dtype} {image.shape}, expected uint8 {shape}: convert or "
+                "resize it, or give the intrinsics of its size"
             )
         _check_time("frame", time_s)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import interp1d
 
+from geovp_classic.forecasting.past_motion import vehicle_from_cam
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.predictors.hindcast import ShownScene
@@ -46,7 +47,6 @@ class Present:
     tracked: BoolArray
     times_s: FloatArray  # [F], from the last frame on
     futures: FloatArray  # [S, F, 4, 4], the central one first
-    vehicle_from_cam: FloatArray  # [4, 4]
 
     def poses(self, times_s: FloatArray) -> FloatArray:
         """Return the poses [F, 4, 4] of the central future."""
@@ -66,13 +66,14 @@ class Present:
         last = self.past.world_from_cam[-1]
         start_s = float(self.past.times_s[-1])
         now_s = max(time_s, start_s)
-        times_s = now_s + np.arange(0, settings.path_s, settings.path_step_s)
+        ahead_s = np.arange(settings.path_step_s, settings.path_s, settings.path_step_s)
+        times_s = now_s + np.append(0, ahead_s)
         if last_from_present is not None:
             return last @ last_from_present[None], times_s[:1]
         if not commands:
             return self.poses(times_s), times_s
-        path = commanded_poses(commands, last, self.vehicle_from_cam, start_s, times_s)
-        return path, times_s
+        plane = vehicle_from_cam(self.past)
+        return commanded_poses(commands, last, plane, start_s, times_s), times_s
 
     def drawn_path(
         self,
@@ -95,7 +96,7 @@ class Present:
             half_m = np.maximum(half_m, np.sqrt((lateral**2).mean(axis=0)))
 
         # The path and its sides lie on the ground, below the camera
-        down = self.past.world_from_cam[-1, :3, :3] @ self.vehicle_from_cam[1, :3]
+        down = self.past.world_from_cam[-1, :3, :3] @ vehicle_from_cam(self.past)[1, :3]
         ground = path[:, :3, 3] + height_m * down
         offset = half_m[:, None] * right
         points = np.stack([ground, ground - offset, ground + offset])
@@ -107,10 +108,10 @@ class Present:
         pixels = np.where(is_ahead[..., None], pixels, np.nan)
         return pixels[0], pixels[1:]
 
-    def caution(self, age_s: float, confidence: float) -> str | None:
-        """Return why a shown prediction may be wrong."""
+    def caution(self, age_s: float, confidence: float, is_given: bool) -> str | None:
+        """Return why a shown prediction may be wrong; a given motion is not the image's."""
         settings = self.settings
-        if self.scene.verdict.shown_by == "image-motion":
+        if not is_given and self.scene.verdict.shown_by == "image-motion":
             return "the motion of the image is continued, since the scene predicts it worse"
         if age_s > settings.max_sure_age_s:
             return f"the newest image is {age_s:.1f} s old"
@@ -136,6 +137,8 @@ class LiveState:
         if self.is_blank:
             return "the newest frame is blank"
         ahead_s = time_s - present.past.times_s[-1]
+        if ahead_s < -settings.max_gap_s:
+            return f"the view is {-ahead_s:.1f} s before the last usable frame: use one clock"
         if ahead_s > settings.max_ahead_s:
             return f"the last usable frame is {ahead_s:.1f} s old"
         if present.tracked.mean() < settings.min_tracked:

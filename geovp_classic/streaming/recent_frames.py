@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from geovp_classic.geometry import pinhole
 from geovp_classic.observation import Observed, observations_of
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import BoolArray, ByteArray, Context, Intrinsics, Observations
@@ -48,10 +47,12 @@ class RecentFrames:
         """Remember a frame if it shows something new; after a cut, forget those before."""
         self._observe([*self.frames, frame][-self._num_frames :])
         is_usable = self.observations.is_usable
-        if not is_usable[-1]:
+        # Of two frames, the screening keeps a blank one, too
+        min_contrast = self._predictor.observer.screening.min_contrast
+        is_blank = self.observations.greys[-1].std() <= min_contrast
+        if is_blank or not is_usable[-1]:
             self.frames = self.frames[:-1]
-            contrast = self._predictor.observer.screening.min_contrast
-            return "blank" if pinhole.grey8(frame.image).std() <= contrast else "duplicate"
+            return "blank" if is_blank else "duplicate"
         if is_usable.all():
             return "used"
         self.keep(is_usable)

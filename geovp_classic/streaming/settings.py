@@ -57,3 +57,11 @@ class LiveSettings:
                 f"streaming: min_frames {self.min_frames} and num_frames {self.num_frames}, "
                 "expected 2 or more, and no more than are remembered"
             )
+        # A comparison has poses before and after; a lost camera was not tracked for some frames
+        min_remembered = max(self.hindcast_steps, self.odometry.tracking.max_bridged + 1)
+        if self.num_frames <= min_remembered:
+            raise BadData(
+                f"streaming: num_frames is {self.num_frames}, expected more than {min_remembered} "
+                f"for hindcast_steps {self.hindcast_steps} and max_bridged "
+                f"{self.odometry.tracking.max_bridged}"
+            )

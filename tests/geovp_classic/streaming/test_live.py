@@ -17,7 +17,10 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.forecasting.selected import Selected
+from geovp_classic.geometry import se3
+from geovp_classic.predictors.hindcast import Verdict
 from geovp_classic.streaming import Command, LivePredictor, LiveSettings, LiveView
+from geovp_classic.streaming.present import Present
 from geovp_classic.types import ByteArray, Clip, FloatArray, Trajectory
 
 NUM_PAST = 10
@@ -128,11 +131,21 @@ def test_in_a_tunnel_the_black_frame_is_shown_with_a_warning(
     assert live.view(clip.times_s[12]).is_predicted
 
 
+def test_blank_frames_are_recognised_between_bars(clip: Clip) -> None:
+    boxed = clip.frames[:4].copy()
+    boxed[[1, 3]] = 90
+    boxed[:, :10] = boxed[:, -10:] = 0
+    live = LivePredictor(clip.intrinsics)
+    statuses = [live.push(*pair).status for pair in zip(boxed, clip.times_s, strict=False)]
+    assert statuses == ["used", "blank", "used", "blank"]
+
+
 def test_an_old_frame_is_shown_with_a_warning(live: LivePredictor, clip: Clip) -> None:
     view = live.view(clip.times_s[9] + 3.1)
     assert view.warning == "the last usable frame is 3.1 s old"
     assert (view.frame == clip.frames[9]).all()
     assert view.age_s == pytest.approx(3.1)
+    assert "use one clock" in live.view(clip.times_s[9] - 3.0).warning
 
 
 def test_after_a_cut_the_track_starts_anew(live: LivePredictor, clip: Clip) -> None:
@@ -199,6 +212,19 @@ def test_commands_replace_the_forecast(live: LivePredictor, clip: Clip) -> None:
     assert np.isnan(end_px).all() or end_px[1] > clip.intrinsics.height_px
 
 
+def test_commands_are_along_the_plane_of_a_camera_that_looks_aside(clip: Clip) -> None:
+    poses = se3.exp(np.outer(np.arange(10), [1, 0.02, 0.01, 0, 0, 0]))
+    past = Trajectory(poses, clip.times_s[:10], is_metric=True)
+    scene = Mock(verdict=Verdict(shown_by="image-motion"))
+    settings = LiveSettings(path_s=0.0)
+    present = Present(settings, scene, past, np.ones(10, bool), past.times_s, poses[None])
+    last_s = past.times_s[-1]
+    path, _ = present.path(last_s + 1, [Command(last_s, 10.0, 0.0)], None)
+    np.testing.assert_allclose(path[:, :3, 3] - poses[-1, :3, 3], [[0, 0, 10]], atol=1)
+    assert present.caution(0.0, 1.0, is_given=True) is None
+    assert "motion of the image" in present.caution(0.0, 1.0, is_given=False)
+
+
 def test_the_path_lies_on_the_road_ahead(live: LivePredictor, clip: Clip) -> None:
     view = live.view(clip.times_s[10], [Command(clip.times_s[9], 8.0, 0.0)])
     camera = clip.intrinsics
@@ -231,6 +257,10 @@ def test_bad_input_is_explained(live: LivePredictor, clip: Clip) -> None:
         LivePredictor(clip.intrinsics, settings={"num_frames": 5})
     with pytest.raises(BadData, match=r"camera_height_m is '1.4', expected a number"):
         LivePredictor(clip.intrinsics, "1.4")
+    with pytest.raises(BadData, match="camera_height_m is -1"):
+        LivePredictor(clip.intrinsics, -1)
+    with pytest.raises(BadData, match="num_frames is 5, expected more than 5"):
+        LiveSettings(num_frames=5)
     with pytest.raises(BadData, match="sort them"):
         live.view(clip.times_s[10], [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)])
     with pytest.raises(BadData, match="must be finite"):
