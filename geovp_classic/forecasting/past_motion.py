@@ -60,9 +60,9 @@ def twists_per_s(
     The first twist is repeated where the grid begins before the past.
     """
     span_s = past.times_s[-1] - past.times_s[0]
-    # A tenth of a step may be extrapolated: times of cameras jitter by less.
-    num_covered = np.floor(span_s / step_s + 0.1)
-    num_covered = int(np.clip(num_covered, 1, num_steps))
+    # Steps are up to a tenth shorter, as times of cameras jitter, or as short as a short past
+    num_covered = int(np.clip(np.floor(span_s / step_s + 0.1), 1, num_steps))
+    step_s = min(step_s, span_s / num_covered)
     grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
     poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)
     twists = se3.log(se3.steps(poses)) / step_s

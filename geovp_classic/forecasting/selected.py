@@ -34,11 +34,13 @@ class DrivingTest:
         """Return whether metric poses are those of a vehicle that drives forward."""
         if len(past) < 2:
             return False
-        twists = se3.log(se3.steps(past.world_from_cam)) / np.diff(past.times_s)[:, None]
-        path = np.linalg.norm(twists[:, :3], axis=1).mean()
-        forward = twists[:, Axis.FORWARD].mean()
-        shake = np.sqrt((twists[:, [Axis.PITCH, Axis.ROLL]] ** 2).mean())
-        turn_rate = abs(twists[:, Axis.YAW].mean())
+        steps_s = np.diff(past.times_s)
+        weights = steps_s / steps_s.sum()  # a short step is mostly noise
+        twists = se3.log(se3.steps(past.world_from_cam)) / steps_s[:, None]
+        path = weights @ np.linalg.norm(twists[:, :3], axis=1)
+        forward = weights @ twists[:, Axis.FORWARD]
+        shake = np.sqrt((weights @ twists[:, [Axis.PITCH, Axis.ROLL]] ** 2).mean())
+        turn_rate = abs(weights @ twists[:, Axis.YAW])
         return bool(
             past.is_metric
             and path >= self.min_speed_m_s

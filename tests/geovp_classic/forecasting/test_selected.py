@@ -94,6 +94,14 @@ def test_what_counts_as_driving(twist: list[float], expected: bool) -> None:
     assert not DrivingTest().passes(path(twist, is_metric=False)[:10])
 
 
+def test_noise_in_a_step_of_two_milliseconds_is_no_shake() -> None:
+    past = path([0, 0, 8.0, 0, 0, 0], is_metric=True)[:10]
+    pose = past.world_from_cam[-1] @ se3.exp(np.array([0, 0, 0.016, 0.002, 0, 0]))
+    poses = np.concatenate([past.world_from_cam, pose[None]])
+    times_s = np.append(past.times_s, past.times_s[-1] + 0.002)
+    assert DrivingTest().passes(Trajectory(poses, times_s, is_metric=True))
+
+
 def test_a_short_past_is_forecast_by_the_default() -> None:
     assert isinstance(Selected().select(CAR[:3]), MotionPrior)
     assert Selected().select(CAMERAS["phone"][:3]) == PersistentTurn()

@@ -88,6 +88,13 @@ def test_two_short_steps_add_the_noise_of_a_long_step(
     )
 
 
+def test_twists_of_a_past_that_is_shorter_than_a_step_are_its_mean() -> None:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[1:, 2, 3] = 0.1  # moves, and stops
+    past = Trajectory(poses, np.array([0, 0.01, 0.02]), is_metric=True)
+    np.testing.assert_allclose(past_motion.twists_per_s(past, 0.1, 2)[:, 2], [5, 5])
+
+
 def test_the_camera_travels_on_its_plane() -> None:
     # The camera looks 5 degrees above its direction of travel.
     pitch = np.radians(5.0)
