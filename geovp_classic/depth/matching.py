@@ -165,7 +165,7 @@ def _match_band(
             # Long baselines are compared at each plane.
             scores = np.zeros(shape, np.float32)
             _add_plane(scorer, source_from_band[plane], ~is_short, scores)
-            weight = np.float32((plane - block) / short_stride)  # of `after`
+            weight = np.float32((plane - block) / max(end - block, 1))  # of `after`
             for row in range(num_rows):
                 for x in range(width):
                     # Short baselines, interpolated between two planes, and long ones.

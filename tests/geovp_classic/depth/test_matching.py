@@ -55,7 +55,7 @@ def test_costs_are_means_over_the_sources_that_see_a_point(images: ByteArray) ->
         for n in range(7):
             # The short baseline is compared at planes 0, 4 and 6, and interpolated between them.
             start, end = (0, 4) if n < 4 else (4, 6)
-            fraction = (n - start) / 4
+            fraction = (n - start) / (end - start)
             (first, first_seen), (second, second_seen) = (
                 twin(1, step, row, column) for step in (start, end)
             )
