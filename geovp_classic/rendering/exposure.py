@@ -107,8 +107,9 @@ class ExposureEstimator:
     # A faster change is a jump, which no control makes: for such a rate, a pull of 3.3 Hz takes a
     # mean that is 2.5 times off.
     min_jump_hz: float = 3.0
-    # RMS log gain between frames at confidence one half: a grey value at a mean of 128.
+    # RMS log gain in a tenth of a second at confidence one half: a grey value at a mean of 128.
     steady_log_gain: float = 0.008
+    steady_s: float = 0.1
     tone_curve: ToneCurve = ToneCurve()
 
     def estimate(
@@ -143,8 +144,10 @@ class ExposureEstimator:
         slope = -float((t * controlled[trend]).sum() / (t**2).sum())
         rate = float(np.clip(slope, -self.max_rate_hz, self.max_rate_hz))
 
-        # A camera whose gain hardly varies has a fixed exposure.
-        variance = float((np.diff(controlled) ** 2).mean())
+        # A camera whose gain hardly varies has a fixed exposure, at any rate of frames.
+        num_steps = max(1, round(-seconds[0] / self.steady_s))
+        even_s = np.linspace(seconds[0], 0, num_steps + 1)
+        variance = float((np.diff(np.interp(even_s, seconds, controlled)) ** 2).mean())
         confidence = variance / (variance + self.steady_log_gain**2)
         log_range = float(np.ptp(controlled))
         return Exposure(seconds, gains, rate, level, confidence, log_range, self.tone_curve)
@@ -159,7 +162,7 @@ class ExposureEstimator:
         """Return log gains [P] to the last frame, as medians over comparable pixels."""
         # Small, blurred images: gains are the same over large areas, and depth is inexact.
         small = _shrunk(camera, self.width_px / camera.width_px)
-        nearest = cv2.resize(inverse_depth, small.size_px, interpolation=cv2.INTER_NEAREST)
+        nearest = cv2.resize(inverse_depth, small.size_px, interpolation=cv2.INTER_NEAREST_EXACT)
         small_inverse_depth = nearest.astype(np.float32)
         images = []
         for grey in greys:

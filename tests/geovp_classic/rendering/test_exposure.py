@@ -29,11 +29,11 @@ def drive(gains: FloatArray) -> tuple[FloatArray, ByteArray]:
     return poses, (gains[:, None, None] * np.stack(images) + 0.5).astype(np.uint8)
 
 
-def estimate(gains: FloatArray) -> Exposure:
+def estimate(gains: FloatArray, step_s: float = 0.1) -> Exposure:
     poses, images = drive(np.asarray(gains))
     depth = DISTANCE - poses[-1, 2, 3]
     inverse_depth = np.full((CAMERA.height_px, CAMERA.width_px), 1 / depth, np.float32)
-    past = Trajectory(poses, 0.1 * np.arange(len(images)), is_metric=True)
+    past = Trajectory(poses, step_s * np.arange(len(images)), is_metric=True)
     return ExposureEstimator().estimate(images, CAMERA, past, inverse_depth)
 
 
@@ -86,6 +86,11 @@ def test_a_trend_continues_for_a_moment() -> None:
     assert 0 < gains[0] < gains[1]
     total = exposure.log_rate_hz * 0.1 * decay / (1 - decay)  # the sum of a geometric series
     np.testing.assert_allclose(gains[20:], total, rtol=0.01)
+
+
+def test_confidence_is_that_of_a_tenth_of_a_second_at_any_rate() -> None:
+    tens, fifties = estimate(1.02 ** np.arange(5)), estimate(1.004 ** np.arange(21), 0.02)
+    assert fifties.confidence == pytest.approx(tens.confidence, abs=0.05)
 
 
 def test_a_control_compensates_a_change_with_a_lag() -> None:
