@@ -82,7 +82,7 @@ def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
 
 def resize_mask(mask: BoolArray, size_px: tuple[int, int]) -> BoolArray:
     """Resize a mask [H, W] to (width, height), with the values of the nearest pixels."""
-    return cv2.resize(mask.view(np.uint8), size_px, interpolation=cv2.INTER_NEAREST) > 0
+    return cv2.resize(mask.view(np.uint8), size_px, interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
 def gradient(image: ByteArray | FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -206,8 +206,8 @@ def _resized_clip(context: Context, size_px: tuple[int, int]) -> Clip:
     """Return the observed frames of a context as a clip, with its privileged inputs."""
     depths = context.past_depths
     if depths is not None:
-        resized = [cv2.resize(each, size_px, interpolation=cv2.INTER_NEAREST) for each in depths]
-        depths = np.stack(resized)
+        nearest = cv2.INTER_NEAREST_EXACT
+        depths = np.stack([cv2.resize(each, size_px, interpolation=nearest) for each in depths])
     return Clip(
         context.name,
         np.stack([pinhole.resize(frame, size_px) for frame in context.frames]),
