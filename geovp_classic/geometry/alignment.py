@@ -27,7 +27,7 @@ def umeyama(
     mean_b = points_b.mean(axis=0)
     centred_a = points_a - mean_a
     centred_b = points_b - mean_b
-    if not centred_a.any():
+    if not np.ptp(points_a, axis=0).any():
         raise BadData("alignment of points that all coincide: the camera must have moved")
     # The rotation does not depend on the scale, nor both on the translation
     rotation = rotation_between(centred_a, centred_b)

@@ -61,6 +61,8 @@ def kitti_drift(
 ) -> Drift:
     """Return the error of the relative motion over segments of the truth, per metre of segment."""
     _check_lengths(estimate, truth)
+    if not truth.is_metric:
+        raise BadData("KITTI's drift is per metre, but the recorded poses are not in metres")
     steps_m = se3.step_lengths(truth.world_from_cam)
     distance_m = np.append(0.0, np.cumsum(steps_m))
     starts = np.arange(0, len(truth), frames_between_starts)

@@ -130,7 +130,8 @@ class GroundPlaneEstimator:
 
     def finalize(self, length: float, duration_s: float) -> None:
         """Fit the walk, or assume the prior's median speed if no road was found."""
-        if self._num_measured:
+        self.uncertainty = np.inf
+        if any(np.isfinite(height) for height, *_ in self._measurements):
             measured, _, step_ratios = measurements = np.array(self._measurements).T
             log_heights, deviations = self.settings.walk.smooth(*measurements)
             # Heights between restarts are unrelated: without a measurement they are unknown

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,11 +70,13 @@ def test_alignment_removes_its_transform() -> None:
         assert drift.absolute_error_m(drift.aligned(estimate, truth, how), truth).max() < 1e-6
 
 
-def test_unequal_lengths_are_refused() -> None:
+def test_unequal_lengths_and_units_are_refused() -> None:
     with pytest.raises(BadData, match="3 estimated poses for 4 real ones"):
         drift.absolute_error_m(straight(2), straight(3))
     with pytest.raises(BadData, match="expected 1 to 3"):
         drift.relative_error(straight(3), straight(3), num_steps=4)
+    with pytest.raises(BadData, match="not in metres"):
+        drift.kitti_drift(straight(400), replace(straight(400), is_metric=False))
 
 
 def evo(tool: str, folder: Path, *options: str) -> float:
