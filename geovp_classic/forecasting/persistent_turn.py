@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.constant import Hold
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -58,7 +59,7 @@ class PersistentTurn:
         """Return futures [S, F, 4, 4], all equal."""
         last = past.world_from_cam[-1]
         if len(past) == 1:
-            return np.tile(last, (num_samples, len(times_s), 1, 1))
+            return Hold().forecast(past, times_s, num_samples)
         # The expected motion goes on, and the present one swings back to it
         expected_per_s, present_per_s = self.twists_per_s(past)
         ahead_s = times_s[:, None] - past.times_s[-1]

@@ -4,7 +4,6 @@ Rays are [..., 2] = (x, y) on the plane z = 1 of the camera that observes them. 
 maps a ray of camera a to its epipolar line in camera b: E = [t]x R with b_from_a = (R, t).
 """
 
-import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -94,12 +93,11 @@ class TwoViewEstimator:
         if essential is None or essential.shape != (3, 3):
             return None
         # Of four motions with this essential matrix (Hartley & Zisserman 2004, 9.6.2), inliers vote
-        # for the one with their points in front of both cameras
-        *rotations, direction = cv2.decomposeEssentialMat(essential)
-        translations = direction[:, 0], -direction[:, 0]
-        motions = itertools.starmap(se3.compose, itertools.product(rotations, translations))
-        voters = is_inlier.ravel() > 0
-        b_from_a = max(motions, key=lambda each: are_in_front(a[voters], b[voters], each).sum())
+        # for the one with their points in front of both cameras, at any distance
+        _, rotation, direction, *_ = cv2.recoverPose(
+            essential, a, b, np.eye(3), distanceThresh=1e9, mask=is_inlier
+        )
+        b_from_a = se3.compose(rotation, direction[:, 0])
         # Refine with all inliers
         fits = np.abs(sampson_distances(rays_a, rays_b, b_from_a)[0]) < max_error
         if fits.mean() < self.min_inlier_fraction:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.geometry.optical_flow import dense_flow
 from geovp_classic.layers.region_motion import (
@@ -100,9 +100,7 @@ class MovingRegions:
 
         # Regions whose own motion explains the frames before. Parallel edges, such as a kerb, do
         # not show their motion along themselves (aperture problem).
-        gradients = np.stack(
-            [cv2.Sobel(greys[-1], cv2.CV_32F, dx, 1 - dx) for dx in (1, 0)], axis=-1
-        )
+        gradients = np.stack(pinhole.gradient(greys[-1]), axis=-1)
         num_regions, regions, statistics, _ = cv2.connectedComponentsWithStats(candidates)
         min_area = self.min_area_fraction * candidates.size
         nearest = self.min_inverse_depth / float(step_lengths.mean())

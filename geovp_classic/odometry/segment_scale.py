@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
@@ -38,20 +38,14 @@ class TrackedImages:
     @property
     def in_longest_segment(self) -> BoolArray:
         """Return which images [P] are in the segment with most, the last of equally long ones."""
-        numbers, counts = np.unique(self.segments[::-1], return_counts=True)
+        numbers, counts = np.unique(self.segments, return_counts=True)
         return self.segments == numbers[::-1][counts[::-1].argmax()]
 
     def select(self, mask: BoolArray) -> TrackedImages:
         """Return some of the images [P], which keep their numbers."""
         greys = [self.greys[index] for index in np.flatnonzero(mask)] if self.greys else []
-        return TrackedImages(
-            self.numbers[mask],
-            self.times_s[mask],
-            greys,
-            self.world_from_cam[mask],
-            self.tracked[mask],
-            self.segments[mask],
-        )
+        names = "numbers", "times_s", "world_from_cam", "tracked", "segments"
+        return replace(self, greys=greys, **{name: getattr(self, name)[mask] for name in names})
 
 
 class SegmentScale:
