@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.geometry import planar, se3
+from geovp_classic.geometry import se3
 from geovp_learned.deepvo.network import (
     Architecture,
     coordinates,
@@ -20,14 +20,6 @@ def value(number: torch.Tensor) -> float:
 
 def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
     return motions(torch.tensor(steps, dtype=torch.float64), "2d")
-
-
-def test_yaw_and_plane_are_those_of_the_classical_room() -> None:
-    states = np.array([[0.3, 2.0, 0.4], [-1.0, 5.0, -2.9]])
-    ours = motions(torch.from_numpy(states), "2d").numpy()
-    np.testing.assert_allclose(ours, planar.lift(states, np.eye(4), np.eye(4)), atol=1e-12)
-    again = coordinates(torch.from_numpy(ours), "2d")
-    np.testing.assert_allclose(again, planar.reduce(ours, np.eye(4), np.eye(4)), atol=1e-12)
 
 
 def test_three_dimensional_steps_are_rigid_and_come_back() -> None:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from geovp_benchmarks import plots
@@ -146,11 +145,6 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     pages = [page for page, _ in plots.write_all(results, by_turning) if page.subject == "psnr"]
     assert [page.name for page in pages] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
     assert len({page.figure.axes[0].get_ylim() for page in pages}) == 1
-    assert pages[0].title == "PSNR: turn below 5 degrees"
-    (legend,) = pages[0].figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
-    lines = pages[0].figure.axes[0].lines
-    assert [np.asarray(line.get_ydata()).tolist() for line in lines] == [[11, 10], [10, 9]]
     after = {path.name for path in results.plots.iterdir()}
     assert before < after
     list(plots.write_all(results, plots.Options()))

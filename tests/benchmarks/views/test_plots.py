@@ -13,7 +13,7 @@ from matplotlib.text import Text
 from geovp.drawing.page import Page
 from geovp.drawing.strip import draw_strip
 from geovp_benchmarks import plots
-from geovp_benchmarks.plots import Options, clips, style
+from geovp_benchmarks.plots import Options, clips
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.results import stored_facts
 from geovp_benchmarks.results.store import Results
@@ -238,9 +238,3 @@ class TestPaper:
             shown = [text for text in page.figure.findobj(Text) if text.get_text()]  # type: ignore[arg-type]
             assert min(text.get_fontsize() for text in shown) >= 6
             assert page.title not in texts(page).split("\n")
-
-
-def test_colour_encodes_the_pose_source_and_dash_the_renderer() -> None:
-    a_r, a_q, b_r, b_q = style.line_styles([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
-    assert a_r["color"] == a_q["color"] != b_r["color"] == b_q["color"]
-    assert a_r["linestyle"] == b_r["linestyle"] != a_q["linestyle"] == b_q["linestyle"]

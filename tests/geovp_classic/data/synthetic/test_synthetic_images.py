@@ -1,7 +1,5 @@
 """Solids, depth, light and noise of the synthetic street."""
 
-import dataclasses
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -102,16 +100,6 @@ def test_depth_shows_the_ground_plane_the_wall_and_the_sky() -> None:
     wall = np.where((down > -2 / 20) & (down <= 1 / 20), 20.0, np.inf)  # 1 m below to 2 m above
     np.testing.assert_allclose(depth, np.minimum(ground, wall), rtol=1e-5)
     assert np.isinf(depth[0]).all()
-
-
-def test_haze_hides_half_at_its_half_distance() -> None:
-    hazy, clear = (
-        render(small_world(), optics=dataclasses.replace(CLEAN, haze_per_m=haze_per_m)).light[
-            0, 30, 32
-        ]
-        for haze_per_m in (np.log(2) / 20.0, 0.0)
-    )
-    np.testing.assert_allclose(hazy, 0.5 * clear + 0.5 * np.array(NOON.horizon), rtol=2e-3)
 
 
 def test_moving_objects_are_marked() -> None:

@@ -57,13 +57,6 @@ def test_distances_are_integrals_of_the_speed() -> None:
     assert np.diff(travelled_m, n=2)[0] / 0.2**2 == pytest.approx(-4.0, abs=0.01)
 
 
-def test_the_left_lane_leads_back() -> None:
-    journey = Journey(from_bends([(100.0, 0.0)]), 60.0, -2.0, [5.0])
-    places, yaw_rad = journey.place_at(np.array([0.0, 4.0]))
-    np.testing.assert_allclose(places, [-2 + 60j, -2 + 40j], atol=1e-9)
-    np.testing.assert_allclose(yaw_rad, np.pi)
-
-
 @pytest.mark.parametrize("manoeuvre", list(MANOEUVRES))
 def test_manoeuvres_have_their_turn_and_speed(manoeuvre: str) -> None:
     for seed in range(5):
