@@ -222,6 +222,8 @@ def test_commands_are_along_the_plane_of_a_camera_that_looks_aside(clip: Clip) -
     path, _ = present.path(last_s + 1, [Command(last_s, 10.0, 0.0)], None)
     np.testing.assert_allclose(path[:, :3, 3] - poses[-1, :3, 3], [[0, 0, 10]], atol=1)
     assert present.caution(0.0, 1.0, is_given=True) is None
+    assert present.caution(1.5, 1.0, is_given=True) == "the newest image is 1.5 s old"
+    assert present.caution(0.0, 0.3, is_given=True) == "the confidence is 30 %"
     assert "motion of the image" in present.caution(0.0, 1.0, is_given=False)
 
 
