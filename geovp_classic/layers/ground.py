@@ -52,10 +52,10 @@ class GroundFit:
         points = np.column_stack([columns, rows, np.ones(len(rows))]) / height
         observed = inverse_depth[rows, columns].astype(np.float64)
 
-        # Planes through three points each; a small ridge lets three points on a line pass.
+        # Planes through three points each; of many through points on a line, the smallest one
         triples = rng.integers(len(points), size=(self.num_trials, 3))
-        ridge = 1e-9 * np.eye(3)
-        planes = np.linalg.solve(points[triples] + ridge, observed[triples][..., None])[..., 0]
+        planes = np.linalg.pinv(points[triples]) @ observed[triples][..., None]
+        planes = planes[..., 0]
         aside, down, _ = planes.T
         planes = planes[(down > 0) & (np.abs(aside) < self.max_roll * down)]
         if not len(planes):

@@ -60,3 +60,10 @@ class Prediction(ShortRepr):
     def is_trusted(self) -> bool:
         """Return whether the predictor shows its own images, and not those of a fallback."""
         return self.shown_by in (None, "geometry")
+
+    @property
+    def is_copy(self) -> BoolArray:
+        """Return which frames [S, F] are copies of the last observed frame as a whole."""
+        if self.copied is None:
+            return np.zeros(self.frames.shape[:2], bool)
+        return np.asarray(self.copied.all(axis=(2, 3)))

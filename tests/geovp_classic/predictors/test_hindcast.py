@@ -119,7 +119,7 @@ def test_the_last_frame_is_shown_where_nothing_predicts_better() -> None:
     prediction, context = predict(still, Wall(), copies)
     assert (prediction.frames == context.frames[-1]).all()
     assert (prediction.shown_by, prediction.is_trusted) == ("last-frame", False)
-    assert prediction.copied.all(axis=(2, 3)).tolist() == [[True, True]]
+    assert prediction.is_copy.tolist() == [[True, True]]
     assert not prediction.covered.any()
 
 
@@ -193,7 +193,7 @@ def test_from_the_last_pose_the_last_frame_is_shown() -> None:
     prediction, context = predict(still, Wall(), hindcast=None)
     np.testing.assert_array_equal(prediction.frames[0, 0], context.frames[-1])
     np.testing.assert_array_equal(prediction.frames[0, 1], wall(poses[-1])[0])
-    assert prediction.copied.all(axis=(2, 3)).tolist() == [[True, False]]
+    assert prediction.is_copy.tolist() == [[True, False]]
     assert prediction.is_trusted
 
 
