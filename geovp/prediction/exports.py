@@ -32,13 +32,13 @@ def write(predicted: Predicted, folder: Path) -> list[Path]:
     context, prediction = predicted.context, predicted.prediction
     motion, scene = prediction.motion, predicted.scene
     # Numbered as in the recording.
-    names = [f"{predicted.first + step:06d}.png" for step in range(len(context.times_s))]
-    past_names, future_names = names[: context.num_past], names[context.num_past :]
+    names = [f"{number:06d}.png" for number in predicted.numbers]
     with atomic_write(folder) as scratch:
-        write_images(scratch / "seen", past_names, context.frames)
+        write_images(scratch / "seen", names[: context.num_past], context.frames)
         for sample, frames in enumerate(prediction.frames):
             target = scratch / "samples" / f"{sample:03d}" if sample else scratch
-            write_images(target if sample else scratch / "frames", future_names, frames)
+            place = target if sample else scratch / "frames"
+            write_images(place, names[context.num_past :], frames)
             if motion is not None:
                 poses = np.concatenate([motion.past.world_from_cam, motion.futures[sample]])
                 path = Trajectory(poses, context.times_s, motion.past.is_metric)

@@ -35,6 +35,7 @@ from geovp_classic.types import (
     ByteArray,
     Context,
     FloatArray,
+    IntArray,
     Motion,
     Prediction,
     PrivilegedInput,
@@ -51,7 +52,7 @@ class Predicted:
     predictor: FramePredictor
     camera: Camera
     context: Context
-    first: int  # number of the first observed frame
+    numbers: IntArray  # [P + F] of the frames in the recording, beyond its end as before it
     prediction: Prediction
     scene: ShownScene | None  # of a geometric predictor
     actual: ByteArray  # [F' <= F, H, W, 3], recorded future frames
@@ -146,7 +147,7 @@ class Predicted:
             "versions": versions(),
             "code": code_hash([self.predictor]),
             "camera": dataclasses.asdict(self.camera),
-            "first": self.first,
+            "first": self.numbers[0],
             "observed": context.num_past,
             "predicted": context.num_future,
             "confidence": self.prediction.confidence,
@@ -237,8 +238,9 @@ def predict(request: PredictionRequest) -> Predicted:
     )
     prediction, scene = _run(predictor, context, request.num_samples)
     actual = clip.frames[num_past:]
-    stored = int(numbers[first])
-    return Predicted(request, predictor, camera, context, stored, prediction, scene, actual)
+    beyond = numbers[-1] + np.diff(numbers)[-1] * np.arange(1, request.num_future + 1)
+    numbers = np.append(numbers, beyond)[first:][: len(context.times_s)]
+    return Predicted(request, predictor, camera, context, numbers, prediction, scene, actual)
 
 
 def times_of_clip(

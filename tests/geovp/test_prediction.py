@@ -124,7 +124,7 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     images: Path, tmp_path: Path
 ) -> None:
     latest = predicted(images, 8, size_px=(96, 96), num_samples=3)
-    assert latest.first == len(street.clip()) - 8
+    assert latest.numbers[0] == len(street.clip()) - 8
     assert len(latest.actual) == 0
     assert latest.scores == {}
     assert not latest.prediction.motion.past.is_metric
@@ -428,7 +428,9 @@ def test_a_lens_by_file_is_the_one_by_numbers(images: Path, tmp_path: Path) -> N
     assert (found[0] != recording.frames.read(3)).any()
 
 
-def test_frames_and_poses_are_numbered_as_in_the_recording(written: Path) -> None:
+def test_frames_and_poses_are_numbered_as_in_the_recording(written: Path, images: Path) -> None:
+    sparse = predicted(images, 4, first=1, frame_step=2)
+    assert sparse.numbers.tolist() == [1, 3, 5, 7, 9, 11]
     names = {
         folder: sorted(path.name for path in (written / folder).iterdir())
         for folder in ("seen", "frames")

@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> Lines:
     report(0, 6)
     predicted = prediction.predict(PredictionRequest(**vars(args)))
     announce("writing files", 1)
-    name = f"{args.path.resolve().stem}-{predicted.first:06d}"
+    name = f"{args.path.resolve().stem}-{predicted.numbers[0]:06d}"
     folder = args.out or Path("results/predict", name)
     number = 1
     while args.out is None and folder.exists():
