@@ -79,16 +79,22 @@ class PredictionRequest:
             fields["device"] = self.device
         with registry.defaults(**fields):
             predictor = self._build()
-        if self.mask is None and not self.no_mask:
-            return predictor
         if self.mask is not None and self.no_mask:
             raise BadData("--mask and --no-mask exclude each other: keep one of them")
+        if self.mask is None and self.mask_mode == "replace":
+            raise BadData("--mask-mode replace needs the mask: give --mask")
         if not isinstance(predictor, GeometricPredictor):
-            name = registry.name_of(predictor)
+            if self.mask is None and not self.no_mask and self.has_fallback:
+                return predictor
             raise BadData(
-                f"--mask and --no-mask need a pose source and a renderer, {name} has none"
+                "--mask, --no-mask and --no-fallback need a pose source and a renderer, "
+                f"{registry.name_of(predictor)} has none"
             )
-        observer = replace(predictor.observer, mask=self.mask, mask_mode=self.mask_mode)
+        if not self.has_fallback:
+            predictor = replace(predictor, hindcast=None)
+        observer = predictor.observer
+        if self.mask is not None:
+            observer = replace(observer, mask=self.mask, mask_mode=self.mask_mode)
         if self.no_mask:
             observer = replace(observer, camera_fixed=None)
         return replace(predictor, observer=observer)
@@ -100,7 +106,7 @@ class PredictionRequest:
         return GeometricPredictor(
             registry.build("pose_sources", pose_source, "--pose-source"),
             registry.build("renderers", self.renderer or "depth-fusion", "--renderer"),
-            hindcast=Hindcast() if self.has_fallback else None,
+            hindcast=Hindcast(),
         )
 
 

@@ -4,6 +4,7 @@ nothing behind.
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -300,6 +301,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert {"python", "numpy", "geovp"} <= about["versions"].keys()
     request = PredictionRequest(written, camera_height_m=1.65, has_fallback=False)
     assert about["code"] == code_hash([request.build()])
+    assert replace(request, predictor="default").build().hindcast is None
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
     assert (about["shown_by"], about["hindcast_errors"]) == ("geometry", {})  # without fallback
