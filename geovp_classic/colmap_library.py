@@ -5,7 +5,10 @@ import threading
 
 _handler = signal.getsignal(signal.SIGTERM)
 
-import pycolmap  # noqa: E402, the handler is read before
+try:
+    import pycolmap  # the handler is read before
+except RuntimeError as error:  # of any failure; an interrupt is the cause of its cause
+    raise getattr(error.__cause__, "__cause__", None) or error from error.__cause__
 
 if threading.current_thread() is threading.main_thread() and _handler is not None:
     signal.signal(signal.SIGTERM, _handler)

@@ -1,5 +1,7 @@
 """Exported files are read back by other programs."""
 
+import runpy
+import sys
 from pathlib import Path
 
 import cv2
@@ -9,6 +11,7 @@ import pytest
 
 from geovp.prediction import exports
 from geovp.prediction.colmap_model import build_model
+from geovp_classic import colmap_library
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics, Views
 
@@ -64,6 +67,24 @@ def test_colmap_projects_a_point_to_the_same_pixel_and_tracks_it(tmp_path: Path)
     np.testing.assert_allclose(image.project_point(stored.xyz), [18.5, 9.5], atol=1e-6)
     assert (matrix @ [*stored.xyz, 1])[2] == pytest.approx(5)
     assert [element.image_id for element in stored.track.elements] == [image.image_id]
+
+
+def test_an_interrupted_import_of_pycolmap_is_an_interrupt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library raises RuntimeError from ImportError from the interrupt."""
+    lines = "try:\n  try: {}\n  except {}\nexcept {}"
+    (tmp_path / "pycolmap.py").write_text(
+        lines.format(
+            "raise KeyboardInterrupt",
+            "BaseException as error: raise ImportError from error",
+            "ImportError as error: raise RuntimeError from error",
+        )
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pycolmap")
+    with pytest.raises(KeyboardInterrupt):
+        runpy.run_path(colmap_library.__file__)
 
 
 def written_depths(folder: Path, depth: FloatArray, *, is_metric: bool) -> FloatArray:
