@@ -128,7 +128,7 @@ def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
                 process.wait(timeout=0.1)
         assert process.returncode == 130
     last = errors.read_text().splitlines()[-1]
-    assert last == "geovp: interrupted: finished work is kept, rerun to continue"
+    assert last == "geovp: interrupted, finished work is kept"
     assert "Traceback" not in errors.read_text()
 
 

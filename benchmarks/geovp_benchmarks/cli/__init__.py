@@ -124,6 +124,7 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
         if handler != signal.SIG_IGN:  # as in the background of a shell
             signal.signal(number, interrupt)
     code = 2
+    note = ", finished work is kept" if args.command in ("run", "reproduce", "score") else ""
     with messages(args.quiet, args.verbose):
         try:
             code = print_lines(args)
@@ -138,12 +139,15 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
                 raise
             logger.error(f"{error}: {install_command(EXTRA_OF_MODULE[error.name])}")
         except KeyboardInterrupt:
-            logger.error("interrupted: finished work is kept, rerun to continue")
+            logger.error("interrupted" + note)
             code = 130
         except OSError as error:
-            place = error.filename or "a file"
-            advice = "fix the path or make room and rerun, finished work is kept"
-            logger.error(f"{error.strerror or error}: {place}: {advice}")
+            logger.error(
+                f"{error.strerror or error}: {error.filename or 'a file'}: fix the path or make "
+                f"room and rerun{note}"
+            )
+        except MemoryError as error:
+            logger.error(f"not enough memory ({error}): give a smaller --size or fewer frames")
         finally:
             for stream in (sys.stdout, sys.stderr):
                 flush_or_discard(stream)
