@@ -22,9 +22,12 @@ from geovp_classic.types import FloatArray, Motion, Trajectory
 
 
 def check_free(folder: Path) -> None:
-    """Raise BadData unless the folder is new or empty."""
+    """Raise BadData unless the folder is new or empty, or OSError if it cannot be written."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadData(f"--out {folder} holds something already: give another folder, or remove it")
+    with atomic_write(folder) as scratch:
+        scratch.mkdir()
+    folder.rmdir()
 
 
 def write(predicted: Predicted, folder: Path) -> list[Path]:
