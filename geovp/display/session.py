@@ -154,8 +154,8 @@ def write_video(session: Session, path: Path) -> None:
     """Write all views of a recording side by side to an mp4 file."""
     if session.source.is_camera:
         raise BadData("--out needs a recording, and a camera has no end: give a video or a folder")
-    if path.is_dir():
-        raise BadData(f"--out {path} is a folder: give a file, such as {path / 'display.mp4'}")
+    if path.suffix != ".mp4":
+        raise BadData(f"--out {path} does not end in .mp4: give a file, such as display.mp4")
     frames = (
         np.concatenate([labelled(frame, name) for name, frame in shown.panels.items()], axis=1)
         for shown in session.render()

@@ -60,6 +60,11 @@ class Source:
             first = replace(request, first=0)  # all frames are replayed, from the first on
             recording = recording.selected(first.frame_numbers(recording.times_s))
             numbers = range(len(recording.frames))[stretch.first : stretch.last]
+            if len(numbers) < 2:
+                raise BadData(
+                    f"the display needs 2 frames, and {path} has {len(numbers)} in use: give a "
+                    "longer --sequence, a smaller --every or a larger --rate"
+                )
             camera, recording = find_camera(recording, lens, len(numbers), request)
             for warning in camera.warnings():
                 logger.warning(warning)

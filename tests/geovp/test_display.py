@@ -290,7 +290,8 @@ def test_a_video_is_written(tmp_path: Path, printed: Says) -> None:
         ("--fps 10 --fov 70 --drive", "--camera-height"),
         ("--fps 10 --fov 70 --sequence 03", "remove --sequence"),
         ("--fov 70", "give --fps"),
-        ("--fov 70 --fps 10 --out .", "--out . is a folder: give a file, such as display.mp4"),
+        ("--fov 70 --fps 10 --every 3", "the display needs 2 frames"),
+        ("--fov 70 --fps 10 --out x.gif", "does not end in .mp4"),
     ],
 )
 def test_a_mistake_gets_one_sentence(
