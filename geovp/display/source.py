@@ -50,7 +50,8 @@ class Source:
             bags.is_bag(path) and request.has_camera
         ):
             folders = layout[1].folders()  # one, or those of several sequences
-            stretch = FrameRange.parse(sequence or next(iter(folders)))
+            name = sequence or next(iter(folders))
+            stretch = FrameRange(name) if name in folders else FrameRange.parse(name)
             if sequence is not None and path in folders.values():
                 raise BadData(f"{path} has no sequences: remove --sequence")
             if stretch.sequence not in folders:

@@ -258,17 +258,17 @@ class TestSource:
 
 
 def test_sequences_of_the_input_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Folders of a folder are sequences; one is called with a space."""
-    for name, step in (("a [x]", 0), ("b c", 4)):
+    """Folders of a folder are sequences; one is called like a part of another."""
+    for name, step in (("a [0:1)", 0), ("b c", 4)):
         write_images(tmp_path / "multi" / name, CLIP.frames[step : step + 4])
     request = PredictionRequest(tmp_path / "multi", frame_rate_hz=10, fov_deg=70)
-    for sequence, first, count in ((None, 0, 4), ("b c", 4, 4), ("a [x][1:3)", 1, 2)):
+    for sequence, first, count in ((None, 0, 4), ("b c", 4, 4), ("a [0:1)[1:3)", 1, 2)):
         source = Source.open(request, sequence)
         assert len(source.times_s) == count
         assert (source.read(0) == CLIP.frames[first]).all()
-    with pytest.raises(BadData, match=r"has no 'd': give a --sequence of \['a \[x\]', 'b c'\]"):
+    with pytest.raises(BadData, match=r"has no 'd': give a --sequence of \['a \[0:1\)', 'b c'\]"):
         Source.open(request, "d")
-    with pytest.raises(BadData, match=r"several folders of images: .*/a \[x\], .*/b c$"):
+    with pytest.raises(BadData, match=r"several folders of images: .*/a \[0:1\), .*/b c$"):
         read_recording(request)
     monkeypatch.setattr(os, "access", lambda path, _: path.name != "b c")  # cannot be read
     assert len(read_recording(request)[0].times_s) == 4
