@@ -156,21 +156,25 @@ def _camera(request: PredictionRequest) -> Recording:
 
 def _sequence(request: PredictionRequest, sequence: str | None) -> tuple[Recording, range]:
     """Return a recording of a data set, by default the first, and the numbers of its frames."""
-    if request.has_camera or request.frame_rate_hz:
+    if request.has_camera or request.distortion or request.frame_rate_hz:
         raise BadData(
             f"{request.path} has its own calibration and times: remove --fov, --intrinsics, "
-            "--calibration and --fps"
+            "--calibration, --distortion and --fps"
         )
+    layout, dataset = detection.detect(request.path)
     table = {
-        **detection.spec(request.path),
+        "name": layout,
+        "root": request.path,
         "num_frames": 2,
         "sequences": sequence and [sequence],
         "frame_step": request.frame_step,
     }
-    if table["name"] == "rosbag":  # poses are not shown, and there may be several topics of them
+    if layout == "rosbag":  # poses are not shown, and there may be several topics of them
         table |= {"pose_topic": "", "rate_hz": 10.0}
     for name in ("rate_hz", "camera_height_m", "image_topic", "image_bits", "name_pattern"):
-        if (value := getattr(request, name)) is not None:
+        if not hasattr(dataset, name):
+            request.refuse(f"a data set ({layout})", name)
+        elif (value := getattr(request, name)) is not None:
             table[name] = value
     dataset = registry.build("datasets", table)
     stretch = dataset.ranges[0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.cli import command_line, spelled, verbosity
+from geovp_benchmarks.cli import command_line, spelled
 from geovp_classic.data.layouts import detection
 from tests.benchmarks.conftest import Command
 
@@ -63,15 +63,6 @@ def test_advised_options_exist(command: str, place: str, function: str | None) -
     assert advised(place, function) <= names
 
 
-def test_all_packages_advise_options_of_some_command() -> None:
-    commands = next(each.choices for each in command_line()._actions if each.choices is not None)
-    actions = [action for parser in commands.values() for action in parser._actions]
-    names = {name for action in actions for name in action.option_strings}
-    named = advised("geovp_classic", None) | advised("geovp", None)
-    names |= {name for action in verbosity()._actions for name in action.option_strings}
-    assert {"--fov", "--camera-height", "--fps"} <= named <= names
-
-
 @pytest.mark.parametrize("command", ["predict", "display"])
 def test_settings_of_data_sets_are_called_by_their_options(command: str) -> None:
     options = options_of(command)
@@ -79,6 +70,7 @@ def test_settings_of_data_sets_are_called_by_their_options(command: str) -> None
         ("convert the images, or set image_bits to 12", "convert the images, or set --bits to 12"),
         ("give image_topic, one of /a, /b", "give --topic, one of /a, /b"),
         ("frame_rate_hz is 5: rate_hz = 5 uses", "--fps is 5: --rate 5 uses"),
+        ("'x' has no field 'name_pattern'", "'x' has no field 'name_pattern'"),
         ("give intrinsics = [fx, fy, cx, cy]", "give intrinsics = [fx, fy, cx, cy]"),
     ):
         assert spelled(message, options) == expected
@@ -112,3 +104,5 @@ def test_the_doctor_takes_the_settings_that_it_advises(tmp_path: Path, command: 
 
 def test_other_commands_keep_the_names_of_tables() -> None:
     assert spelled("give image_topic", options_of("poses")) == "give image_topic"
+    line = "{root = 'x', frame_step = 0}"
+    assert spelled("frame_step is 0", options_of("poses"), line) == "frame_step is 0"

@@ -24,7 +24,7 @@ from geovp.prediction.prediction import read_recording
 from geovp.prediction.request import PredictionRequest
 from geovp_classic.data.recordings.windows import Recording
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.streaming import Command
 from geovp_classic.types import ByteArray, FloatArray
 from tests.benchmarks.conftest import Says
@@ -251,10 +251,10 @@ class TestSource:
         assert source.read(0).shape == (64, 64, 3)
         assert source.intrinsics.fx_px == 75
         assert source.recording.camera_height_m == 1.65
-        with pytest.raises(GeovpError, match="no field 'image_topic'"):
+        with pytest.raises(BadData, match="leave out image_topic"):
             Source.open(PredictionRequest(tmp_path, image_topic="/cam"))
         with pytest.raises(BadData, match="remove --fov"):
-            Source.open(PredictionRequest(tmp_path, fov_deg=70))
+            Source.open(PredictionRequest(tmp_path, distortion=(0.1, 0)))
 
 
 def test_sequences_of_the_input_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

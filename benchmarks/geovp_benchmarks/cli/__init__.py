@@ -95,14 +95,15 @@ def add_command(commands: Any, name: str, module: ModuleType) -> None:
     command.set_defaults(run=module.run, command=name, options=options)
 
 
-def spelled(message: str, options: Mapping[str, Sequence[str]]) -> str:
+def spelled(message: str, options: Mapping[str, Sequence[str]], line: str = "") -> str:
     """Return a message in which settings are called by the options of the command.
 
-    Those of data sets, such as `image_topic`, are `--topic` there, and stay in a table.
+    Those of data sets, such as `image_topic`, are `--topic` there. Fields of a table, which have
+    quotes or a path before them, or stand in the command line, keep their names.
     """
     for setting, names in options.items():
-        if "_" in setting and names:
-            message = re.sub(rf"\b{setting}\b( =)?", names[0], message)
+        if "_" in setting and names and setting not in line:
+            message = re.sub(rf"(?<!['.])\b{setting}\b( =)?", names[0], message)
     return message
 
 
@@ -130,7 +131,7 @@ def main(words: Sequence[str] | None = None, parser: argparse.ArgumentParser | N
             code = print_lines(args)
         except GeovpError as error:
             logger.info("error raised here", exc_info=True)
-            message = spelled(str(error), args.options)
+            message = spelled(str(error), args.options, " ".join(rest))
             logger.error(textwrap.shorten(message, 2000))
         except ModuleNotFoundError as error:
             from geovp_classic.registry import EXTRA_OF_MODULE

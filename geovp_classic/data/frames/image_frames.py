@@ -110,6 +110,8 @@ def to_8_bits(path: Path, image: Array, bits: int | None) -> ByteArray:
                 "image_bits"
             )
         image = (image >> (bits - 8)).astype(np.uint8)
+    elif bits is not None and image.dtype == np.uint8:
+        raise BadData(f"{path} has 8 bits a channel: leave out image_bits")
     if image.dtype != np.uint8:
         raise BadData(
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "

@@ -120,6 +120,9 @@ def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:
     ):
         with pytest.raises(BadData, match=message):
             read_image(path, bits=bits)
+    cv2.imwrite(str(path), scene())
+    with pytest.raises(BadData, match="leave out image_bits"):
+        read_image(path, bits=12)
 
 
 def test_depths_are_metres_and_images_that_are_missing_have_none(tmp_path: Path) -> None:
