@@ -55,7 +55,7 @@ def draw_warning(frame: ByteArray, warning: str) -> ByteArray:
     """Return the frame [H, W, 3] with a red border and a red banner that states the warning."""
     image = Image.fromarray(frame)
     letter_px = max(10, image.height // 16)
-    text = textwrap.fill(f"WARNING: {warning}", 2 * image.width // letter_px)
+    text = textwrap.fill(f"WARNING: {warning}", max(1, 2 * image.width // letter_px))
     pen = ImageDraw.Draw(image)
     _, _, _, bottom_px = pen.textbbox((8, 8), text, font_size=letter_px)
     pen.rectangle((0, 0, image.width, bottom_px + 8), fill="firebrick")

@@ -100,6 +100,7 @@ def test_the_doctor_takes_the_settings_that_it_advises(tmp_path: Path, command: 
         "'folder' has no field 'bits'"
         in command("doctor", f'{{root = "{tmp_path}", bits = 12}}').err
     )
+    assert "5 does not exist" in command("doctor", "{root = 5}").err
 
 
 def test_other_commands_keep_the_names_of_tables() -> None:

@@ -114,6 +114,7 @@ class TestDrawing:
         empty = drawing.draw_path(FRAME, np.zeros((0, 2)), np.zeros((2, 0, 2)))
         assert (empty == FRAME).all()
         assert (FRAME == 100).all()
+        assert drawing.draw_warning(FRAME[:, :1], "late").shape == (60, 1, 3)
 
 
 class TestSession:

@@ -171,11 +171,11 @@ def root_and_settings(spec: dict[str, Any] | str) -> tuple[Path, dict[str, Any]]
     """Return the folder and the settings of a data set from its folder, or its table."""
     settings = dict(spec) if isinstance(spec, dict) else {"root": spec}
     root = settings.pop("root", None) or settings.pop("path", ".")
-    return Path(root), settings
+    return Path(str(root)), settings
 
 
 def size_px(text: str) -> tuple[int, int]:
     """Parse the side of a square, or WIDTHxHEIGHT."""
-    width, _, height = text.partition("x")
-    side_px = number(1)
-    return side_px(width), side_px(height or width)
+    width, x, height = text.partition("x")
+    side_px = number(1, 8192)
+    return side_px(width), side_px(height if x else width)

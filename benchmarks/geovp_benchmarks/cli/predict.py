@@ -75,7 +75,9 @@ ARGUMENTS = {
     },
     **CAMERA,
     "prediction": {
-        "--future N = 20": option("Number of predicted frames.", dest="num_future"),
+        "--future N = 20": option(
+            "Number of predicted frames.", dest="num_future", type=number(1, 1000)
+        ),
         "--samples N = 1": option("Number of sampled futures.", dest="num_samples"),
         "--pose-source SPEC": (
             "Name or TOML table of a pose-source, see `geovp list`. Default: refined."
