@@ -44,9 +44,11 @@ def run(args: argparse.Namespace) -> Lines:
     from geovp_classic.data.layouts import detection
 
     root, settings = root_and_settings(args.root)
-    data: dict[str, Any] = {**detection.spec(root), "frame_step": args.frame_step, **settings}
+    data: dict[str, Any] = {**detection.spec(root), **settings}
     if args.rate_hz is not None:
         data["rate_hz"] = args.rate_hz
+    if args.frame_step > 1:
+        data["frame_step"] = args.frame_step
     if args.clips is not None:
         data = {"stride": 5, "size_px": [256, 256], **data}
         for name, paths in track_clips(data, args.frames, args.odometry, args.clips):

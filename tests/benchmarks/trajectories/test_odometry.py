@@ -83,7 +83,7 @@ def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printe
     ("arguments", "message"),
     [
         (["99"], "99"),
-        (["07[5:50)"], "07 has 12 frames"),
+        (["07[5:50)", "--every", "2"], "07 has 6 frames"),
         (["07", "--odometry", "monoclar"], "did you mean 'monocular'"),
         (["07", "--odometry", "ground-truth"], "give --clips N"),
     ],
@@ -91,5 +91,6 @@ def test_files_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printe
 def test_mistakes_get_a_sentence(
     street: Path, tmp_path: Path, refused: Says, arguments: list[str], message: str
 ) -> None:
-    assert message in refused("poses", street, *arguments, "--out", tmp_path)
+    data = f'{{root = "{street}", frame_step = 5}}'
+    assert message in refused("poses", data, *arguments, "--out", tmp_path)
     assert not list(tmp_path.iterdir())
