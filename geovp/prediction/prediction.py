@@ -216,10 +216,17 @@ def predict(request: PredictionRequest) -> Predicted:
     latest = num_frames - num_past
     first = latest if request.first is None else int(np.searchsorted(numbers, request.first))
     if not 0 <= first <= latest:
-        last = "" if latest < 0 else f"the last possible --first is {numbers[latest]}; or "
+        advice = "give a smaller --past"
+        usable = dataclasses.replace(request, first=None).frame_numbers(recording.times_s)
+        if len(usable) >= num_past:
+            advice = f"the last possible --first is {usable[-num_past]}; or {advice}"
+        if request.frame_step > 1:
+            advice += " or a smaller --every"
+        elif num_frames < len(recording.frames):
+            advice += " or a larger --rate"
         raise BadData(
             f"{request.path} has {len(recording.frames)} frames, of which {num_frames} are in use "
-            f"and {num_past} must be seen: {last}give a smaller --past or a larger --rate"
+            f"and {num_past} must be seen: {advice}"
         )
     recording = recording.selected(numbers)
     # The camera, and the clip at the output size. Frames after the past are kept for comparison.
@@ -263,6 +270,12 @@ def times_of_clip(
     return np.concatenate([past_s, future_s])
 
 
+class _AnyLength(Folder):
+    """The images of a folder or the frames of a video, of which no clips are cut."""
+
+    def _check_files(self) -> None: ...
+
+
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
     """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
     path, topic = request.path, request.image_topic
@@ -283,7 +296,7 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
     }
     if not is_bag:
         settings["name_pattern"] = request.name_pattern
-        folder = Folder(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
+        folder = _AnyLength(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
         return next(iter(folder.recordings.values())), None
     dataset = RosBag(path, image_topic=topic, pose_topic="", **settings)
     (recording,) = dataset.recordings.values()

@@ -140,7 +140,10 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
     [
         (PINHOLE, "give --fps"),
         (f"{PINHOLE} --fps 10 --past 99", "99 must be seen"),
-        (f"{PINHOLE} --fps 10 --past 8 --first 7", "last possible --first is"),
+        (f"{PINHOLE} --fps 10 --past 3 --first 7 --every 3", "last possible --first is 3"),
+        (f"{PINHOLE} --fps 10 --past 8 --every 3", "or a smaller --every"),
+        (f"{PINHOLE} --fps 10 --predictor copy-last --no-fallback", "need a pose source"),
+        (f"{PINHOLE} --fps 10 --mask-mode replace", "give --mask"),
         (f"{PINHOLE} --fps 10 --predictor copy-last --renderer depth-fusion", "keep one"),
         (f"{PINHOLE} --fps 10 --method copy-last", "belong together"),
         ("--fps 10 --distortion 0.1 0", "belongs to --intrinsics or --fov"),

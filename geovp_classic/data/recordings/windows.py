@@ -146,6 +146,8 @@ def check_plausible(name: str, camera: Intrinsics) -> None:
     is_plausible = ratios.min() > 0.05 and ratios.max() < 100
     is_plausible &= -0.5 <= camera.cx_px <= camera.width_px - 0.5
     is_plausible &= -0.5 <= camera.cy_px <= camera.height_px - 0.5
+    if ratios.max() >= 100 and max(camera.size_px) <= 10:
+        raise BadData(f"{name}: its images have {camera.size_px} pixels, expected more than 10")
     if not is_plausible:
         raise BadData(
             f"{name}: {camera} has an implausible focal length or its principal point outside "

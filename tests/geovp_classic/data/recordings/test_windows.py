@@ -109,6 +109,7 @@ def test_implausible_recordings_are_refused() -> None:
     for arguments, message in (
         ((100 * times_s, CAMERA), "give times in seconds"),
         ((times_s, replace(CAMERA, fx_px=0.1)), "give the calibration in pixels"),
+        ((times_s, replace(CAMERA, fx_px=1000)), "expected more than 10"),
     ):
         with pytest.raises(BadData, match=message):
             Recording("a", images, *arguments)
