@@ -83,10 +83,10 @@ def write_depths(
     Metric depths have 256 values per metre, as KITTI's; other depths have their median at 16384.
     """
     scale, unit = 256.0, "metres"
-    is_surface = np.isfinite(depths) & (depths > 0)
-    if not is_metric and is_surface.any():
-        scale = 16384 / float(np.median(depths[is_surface]))
+    if not is_metric:
         unit = "the unit of the poses, which is not known in metres"
+        if (is_surface := np.isfinite(depths) & (depths > 0)).any():
+            scale = 16384 / float(np.median(depths[is_surface]))
     values = np.where(depths > 0, np.clip(np.rint(depths * scale), 1, 65535), 0)
     write_images(folder, names, values.astype(np.uint16))
     text = f"depth = value / {scale:.9g}, in {unit}; 0: unknown, 65535: infinitely far or beyond\n"

@@ -39,6 +39,7 @@ from geovp_classic.types import (
     Motion,
     Prediction,
     PrivilegedInput,
+    ShownBy,
     Target,
 )
 from geovp_classic.types.speed_prior import MIN_SPREAD
@@ -72,6 +73,11 @@ class Predicted:
             name: evaluate(Prediction(frames[None, : len(self.actual)]), Target(self.actual))
             for name, frames in self.shown.items()
         }
+
+    @property
+    def shown_by(self) -> ShownBy | None:
+        """Return by what the frames are shown: those of a stationary camera, by the last frame."""
+        return "last-frame" if self.prediction.is_copy.all() else self.prediction.shown_by
 
     @property
     def mask_fraction(self) -> float:
@@ -128,10 +134,7 @@ class Predicted:
             poses = motion.past.world_from_cam
             turn_rad = se3.rotation_angle_rad(se3.inverse(poses[-1]) @ poses).max()
             if turn_rad < np.radians(min_turn_deg):
-                yield (
-                    "the camera is stationary, or most that it sees is too far away to tell, so "
-                    "the prediction is static"
-                )
+                yield "the camera is stationary, or most that it sees is too far away to tell"
             else:
                 yield (
                     "the camera turns without moving, or most that it sees is too far away to "
@@ -163,7 +166,7 @@ class Predicted:
                 "forecaster": motion.forecaster and registry.describe(motion.forecaster),
             }
         if scene is not None:
-            about["shown_by"] = self.prediction.shown_by
+            about["shown_by"] = self.shown_by
             about["hindcast_errors"] = dict(scene.verdict.errors)
             about["scene_mask_fraction"] = self.mask_fraction
         return about
@@ -190,10 +193,11 @@ class Predicted:
         if motion is not None and motion.forecaster is not None:
             lines.append(f"forecast by {registry.name_of(motion.forecaster)}")
         if self.scene is not None:
-            shown_by = SHOWN_BY.get(self.prediction.shown_by or "geometry", "geometry")
+            shown_by = SHOWN_BY.get(self.shown_by, "geometry")
             covered = self.prediction.covered
-            seen = "" if covered is None else f", {covered.mean():.0%} of the pixels were seen"
-            lines.append(f"shown by {shown_by}{seen}")
+            if covered is not None and self.shown_by != "last-frame":
+                shown_by += f", {covered.mean():.0%} of the pixels were seen"
+            lines.append(f"shown by {shown_by}")
         for metric in self.scores.get("predicted", ()):
             means = (f"{name} {each[metric].mean():.3f}" for name, each in self.scores.items())
             lines.append(f"{metric}: {', '.join(means)}")

@@ -325,7 +325,8 @@ def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command
     write_images(tmp_path / "images", street.clip(2, 0.0).frames[[0] * 6])
     out = tmp_path / "out"
     given = predict(tmp_path / "images", "--past 6 --future 2 --size 96x64")
-    command(*given, "--out", out)
+    assert "shown by the last frame\n" in command(*given, "--out", out).err
+    assert "not known in metres" in (out / "depths/scale.txt").read_text()
     assert not (out / "cloud.ply").exists()
     assert {"strip.png", "film.mp4", "film.gif", "frames", "depths", "colmap"} <= {
         path.name for path in out.iterdir()
