@@ -61,7 +61,7 @@ def find_camera(
     """Return the camera from the best available source, and the images without distortion."""
     if request.distortion and not (request.intrinsics or request.fov_deg):
         raise BadData("--distortion belongs to --intrinsics or --fov: give one of them")
-    width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    width_px, height_px = recording.intrinsics.size_px
     source, interval_px = "given", None
     if request.calibration is not None:
         source = "calibration file"

@@ -99,9 +99,8 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     if predicted.scene is not None:  # what does not show the scene has an outline
         rows["predicted"] = np.stack([video.outlined(x, predicted.scene.mask) for x in frames])
     recorded = {name: row for name, row in rows.items() if len(row)}
-    past_s, future_s = np.split(context.times_s, [context.num_past])
     strip = Page("strip")
-    draw_strip(strip, recorded, future_s - past_s[-1], 8.0)
+    draw_strip(strip, recorded, context.future_s - context.past_s[-1], 8.0)
     strip.write(folder / "strip.png")
     film = video.film(context.frames, frames, predicted.actual)
     rate_hz = 1 / float(np.mean(np.diff(context.times_s)))
@@ -114,12 +113,11 @@ def _write_scene(
 ) -> None:
     """Write depth maps, the cloud and the COLMAP model of the first sample."""
     context, past, future = predicted.context, motion.past, motion.futures[0]
-    past_s, future_s = np.split(context.times_s, [context.num_past])
-    depths = scene.view(future, future_s, context.intrinsics).depths
+    depths = scene.view(future, context.future_s, context.intrinsics).depths
     future_names = names[context.num_past :]
     write_depths(folder / "depths", future_names, depths, is_metric=past.is_metric)
     # At one instant, so that dynamic objects leave no trails.
-    now_s = np.full_like(past_s, past_s[-1])
+    now_s = np.full(context.num_past, context.past_s[-1])
     views = scene.scene.view(past.world_from_cam, now_s, context.intrinsics)
     poses = np.concatenate([past.world_from_cam, future])
     model = build_model(context.intrinsics, names, poses, views)

@@ -95,7 +95,7 @@ class Predicted:
         """Yield a sentence for each sign that the prediction is wrong."""
         # The camera.
         yield from self.camera.warnings()
-        steps_s = np.diff(self.context.times_s[: self.context.num_past])
+        steps_s = np.diff(self.context.past_s)
         pause_s = float(steps_s.max(initial=0))
         if pause_s > max(max_pause_s, 2 * float(np.median(steps_s))):
             yield (
@@ -184,7 +184,7 @@ class Predicted:
         if self.mask_fraction > 0:
             lines.append(f"mask: {self.mask_fraction:.1%} of the image does not show the scene")
         context = self.context
-        ahead_s = context.times_s[-1] - context.times_s[context.num_past - 1]
+        ahead_s = context.future_s[-1] - context.past_s[-1]
         rate_hz = context.num_future / ahead_s
         lines.append(
             f"{context.num_future} frames, {rate_hz:.3g} per second: {ahead_s:.2f} s ahead"
@@ -210,8 +210,9 @@ def predict(request: PredictionRequest) -> Predicted:
     predictor = request.build()
     missing = predictor.needs & ~(PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.FULL_FRAMES)
     if missing:
-        name = registry.name_of(predictor)
-        raise BadData(f"{name} needs {missing.name}, which a video does not have")
+        raise BadData(
+            f"{registry.name_of(predictor)} needs {missing.name}, which a video does not have"
+        )
     # The frames in use: by default the latest, so that the future is unknown.
     announce("reading frames")
     recording, lens = read_recording(request)
@@ -282,7 +283,7 @@ class _AnyLength(Folder):
 
 def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCamera | None]:
     """Return the stored frames with a placeholder for the camera, and that of a bag if known."""
-    path, topic = request.path, request.image_topic
+    path = request.path
     is_bag = bags.is_bag(path)
     if path.is_dir() and not is_bag:
         request.refuse("a folder of images", "image_topic")
@@ -302,11 +303,12 @@ def read_recording(request: PredictionRequest) -> tuple[Recording, DistortedCame
         settings["name_pattern"] = request.name_pattern
         folder = _AnyLength(path=path, frame_rate_hz=request.frame_rate_hz, **settings)
         return next(iter(folder.recordings.values())), None
-    dataset = RosBag(path, image_topic=topic, pose_topic="", **settings)
+    dataset = RosBag(path, image_topic=request.image_topic, pose_topic="", **settings)
     (recording,) = dataset.recordings.values()
-    stored, bag = recording.intrinsics, bags.Bag(path)
-    size_px = stored.width_px, stored.height_px
-    return recording, bag.camera(bag.choose("image", topic), size_px)
+    bag = bags.Bag(path)
+    return recording, bag.camera(
+        bag.choose("image", request.image_topic), recording.intrinsics.size_px
+    )
 
 
 def _check_folder(path: Path, rate_hz: float | None) -> None:
