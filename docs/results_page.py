@@ -4,6 +4,7 @@ python docs/results_page.py docs/results/stored/demo docs/results/demo.md
 """
 
 import datetime
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,12 @@ def write(results: Results, page: Path, spread: str = "interval") -> None:
     notes = "## Notes" + before.partition("## Notes")[2]
     versions = ", ".join(map(" ".join, results.protocol()["versions"].items()))
     date = datetime.date.today().isoformat()
-    lines = [f"{opening}Written on {date} by `docs/results_page.py`; computed with {versions}.\n"]
+    command = ["git", "describe", "--always", "--dirty"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    lines = [
+        f"{opening}Written on {date} by `docs/results_page.py` at commit {commit}; computed with "
+        f"{versions}.\n"
+    ]
     printed: set[str] = set()
     for table in tables.build(results, spread):
         lines.append(markdown(replace(table, notes=[n for n in table.notes if n not in printed])))
