@@ -23,9 +23,9 @@ def write(results: Results, page: Path, spread: str = "interval") -> None:
     versions = ", ".join(map(" ".join, results.protocol()["versions"].items()))
     date = datetime.date.today().isoformat()
     command = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     lines = [
-        f"{opening}Written on {date} by `docs/results_page.py` at commit {commit}; computed with "
+        f"{opening}Written on {date} at commit {commit} by `docs/results_page.py`; computed with "
         f"{versions}.\n"
     ]
     printed: set[str] = set()
