@@ -47,13 +47,15 @@ class Prediction(ShortRepr):
 
     def __post_init__(self) -> None:
         shape = self.frames.shape[:-1]
-        if len(shape) != 4:
+        if len(shape) != 4 or not shape[0]:
             raise BadData(
                 f"predicted frames have shape {self.frames.shape}, expected [S, F, H, W, 3]"
             )
         store_checked(self, "frames", np.uint8, (*shape, 3))
         store_checked(self, "covered", bool, shape)
         store_checked(self, "confidence", np.float64, shape[:2])
+        if self.confidence is not None and not (abs(self.confidence - 0.5) <= 0.5).all():
+            raise BadData("confidence has values outside [0, 1]")
         store_checked(self, "copied", bool, shape)
 
     @property

@@ -156,3 +156,5 @@ def test_outputs_have_the_expected_shapes_and_types() -> None:
         Prediction(frames)
     with pytest.raises(BadData, match="covered"):
         Prediction(frames[None], covered)
+    with pytest.raises(BadData, match="confidence"):
+        Prediction(frames[None], confidence=np.array([[0.5, 1.1]]))

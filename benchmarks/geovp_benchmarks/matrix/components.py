@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from geovp.provenance import nested
-from geovp_benchmarks.failure import Failure
+from geovp_benchmarks.failure import ERRORS, Failure
 from geovp_benchmarks.matrix.values import Spec
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError, Incompatible, MissingExtra
@@ -29,7 +29,7 @@ def build(
                 "the frames alone"
             )
         try_out(component)
-    except Exception as error:
+    except ERRORS as error:
         if isinstance(error, GeovpError) and not isinstance(error, (Incompatible, MissingExtra)):
             raise
         return Failure.of(error)  # an error of a plug-in: its methods fail, the others go on

@@ -164,10 +164,10 @@ class Worker:
         except (EOFError, OSError) as problem:
             self._process.join(10)
             code = self._process.exitcode or 0
-            how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-            raise Lost(
-                f"its process died ({how}); SIGKILL often means that memory ran out"
-            ) from problem
+            how = f"(exit code {code})"
+            if code < 0:
+                how = f"({signal.Signals(-code).name}); SIGKILL often means that memory ran out"
+            raise Lost(f"its process died {how}") from problem
         if error is not None:
             raise error
         return result

@@ -10,7 +10,7 @@ from typing import Any
 
 from geovp.progress import announce
 from geovp.provenance import code_hash
-from geovp_benchmarks.failure import Failure
+from geovp_benchmarks.failure import ERRORS, Failure
 from geovp_benchmarks.matrix.components import build, on_device
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.store import Method, Results, ScoreRecord, Scores
@@ -127,7 +127,7 @@ def score_clip(task: Task) -> list[Scored]:
     """
     try:
         return _scored(task)
-    except Exception as error:
+    except ERRORS as error:
         if isinstance(error, OSError) and error.errno in FULL_DISK:
             raise
         return unscored(task, Failure.of(error))
@@ -174,12 +174,12 @@ def _scored(task: Task) -> list[Scored]:
                 prediction = _predict(predictor, method, context, clip, usage)
                 with scoring.measure("metrics"):
                     scores = score(clip, prediction, built.metrics)
-            except Exception as error:  # of a component: the run continues
+            except ERRORS as error:  # of a component: the run continues
                 failure = Failure.of(error)
         # A copy of the last frame replaces a prediction that fails.
         if failure is not None:
             prediction, scores = CopyLast().predict(context), Scores([task.clip], {})
-            with suppress(Exception), scoring.measure("metrics"):
+            with suppress(*ERRORS), scoring.measure("metrics"):
                 scores = score(clip, prediction, built.metrics)
         if task.is_kept:
             results.predictions(method).write(task.clip, prediction)
@@ -210,7 +210,12 @@ def _predict(
     num_samples = method.num_samples
     if method.renderer is None:
         with usage.measure("predict"):
-            prediction: Prediction = predictor.predict(context, num_samples)
+            prediction = predictor.predict(context, num_samples)
+        if not isinstance(prediction, Prediction) or len(prediction.frames) > num_samples:
+            raise BadData(
+                f"predict returned {prediction!r:.80}, expected a Prediction with up to "
+                f"{num_samples} samples"
+            )
         return prediction
     observed = usage.shared("observe", (), lambda: predictor.observer.observe(clip.truth[0]))
     source = method.pose_source, num_samples
