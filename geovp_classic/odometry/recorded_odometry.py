@@ -47,6 +47,7 @@ class RecordedOdometry:
 
     def __post_init__(self) -> None:
         sequence_paths.check_exists(self.path, "a TUM or KITTI trajectory")
+        _read_file.cache_clear()  # files may have changed since another one was built
 
     @property
     def needs(self) -> PrivilegedInput:

@@ -1,12 +1,14 @@
 """Ids of protocols, and what rows say of their networks' weights."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from geovp_benchmarks.matrix.components import nested, weights_of
+from geovp_benchmarks.matrix.components import files_of, nested, weights_of
 from geovp_benchmarks.results.provenance import protocol_id
+from geovp_classic import registry
 
 PSNR = {
     "role": "frame",
@@ -65,3 +67,13 @@ def test_weights_of_nested_parts_are_found_once_each() -> None:
     made = Made((Trained("a"), Trained("b")), Trained("a"))
     assert weights_of([made, Trained("c"), object()]) == ["a", "b", "c"]
     assert [type(part) for part in nested([made])] == [Made, Trained, Trained, Trained]
+
+
+def test_files_of_any_sequence_count(tmp_path: Path) -> None:
+    path = str(tmp_path / "{sequence}")
+    depth = registry.build("depth_sources", {"name": "recorded", "path": path})
+    hashes: set[str] = set()
+    for content in ("1", "2"):
+        (tmp_path / "03.txt").write_text(content)
+        hashes.update(files_of([depth]))
+    assert len(hashes) == 2

@@ -1,13 +1,17 @@
 """Components of a matrix file: built, or a reason why not."""
 
 import contextlib
-from collections.abc import Callable, Iterable
+import glob
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from geovp.provenance import nested
 from geovp_benchmarks.failure import ERRORS, Failure
 from geovp_benchmarks.matrix.values import Spec
 from geovp_classic import registry
+from geovp_classic.data.formats.sequence_paths import SEQUENCE
+from geovp_classic.data.frames.image_frames import file_digest
 from geovp_classic.errors import GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import PrivilegedInput
 
@@ -45,3 +49,21 @@ def weights_of(components: Iterable[object]) -> list[str]:
     """Return the notes on weights that components and nested ones have as `weights_note`."""
     notes = (getattr(component, "weights_note", "") for component in nested(components))
     return [str(note) for note in dict.fromkeys(notes) if note]
+
+
+def files_of(components: Iterable[object]) -> Iterator[str]:
+    """Yield path and hash of each file that settings of components name, or that is in a folder.
+
+    Of a file, the size and a sample of bytes are read. Only components of geovp_classic count:
+    those with weights have a fingerprint, and plug-ins may have a folder that they write.
+    """
+    for component in nested(components):
+        is_classic = type(component).__module__.startswith("geovp_classic.")
+        for path in vars(component).values() if is_classic else ():
+            if isinstance(path, Path):
+                # Of all sequences, so that further clips do not change the hashes
+                pattern = glob.escape(str(path)).replace(SEQUENCE, "**/*")
+                roots = map(Path, glob.glob(pattern, recursive=True))
+                files = {file for root in roots for file in (root, *root.rglob("*"))}
+                for file in sorted(filter(Path.is_file, files)):
+                    yield f"{file} {file_digest(file, 4096).hex()}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from geovp.provenance import versions
 from geovp_benchmarks.failure import Failure
-from geovp_benchmarks.matrix.components import weights_of
+from geovp_benchmarks.matrix.components import files_of, weights_of
 from geovp_benchmarks.matrix.schema import Matrix
 from geovp_benchmarks.results.provenance import PATHS, content_hash, protocol_id
 from geovp_benchmarks.results.store import Method, Results
@@ -148,7 +148,9 @@ class Plan:
             facts |= {
                 "components": components,
                 "privileged_inputs": needs,
-                "fingerprint": content_hash([fingerprint, components, method.num_samples]),
+                "fingerprint": content_hash(
+                    [fingerprint, components, method.num_samples, *files_of([predictor])]
+                ),
                 "about": weights_of([predictor]),
                 "code": code_of(predictor),
             }

@@ -58,6 +58,11 @@ def test_the_poses_of_the_clips_frames_are_read(tmp_path: Path, is_tum: bool) ->
     np.testing.assert_allclose(relative(past.world_from_cam), truth, atol=1e-6)
     without_first, _ = odometry.track(context.recent(5))  # of masked contexts, too
     np.testing.assert_allclose(without_first.world_from_cam, past.world_from_cam[1:], atol=1e-6)
+    # A changed file is read again.
+    write(tmp_path / "street.txt", list(range(10)), unit_m=2.0, is_tum=is_tum)
+    past, _ = build(tmp_path / "{sequence}.txt").track(context)
+    halved = relative(past.world_from_cam)[:, :3, 3]
+    np.testing.assert_allclose(halved, truth[:, :3, 3] / 2, atol=1e-6)
 
 
 def test_lost_frames_are_bridged_and_marked_without_later_poses(tmp_path: Path) -> None:
