@@ -141,6 +141,12 @@ def test_a_prediction_of_another_size_is_refused(shape: tuple[int, ...]) -> None
         score(ScoredClip(drive(), PAST), prediction, METRICS)
 
 
+@pytest.mark.parametrize("values", [1.0, np.zeros(FUTURE + 1)])
+def test_a_metric_has_a_value_for_each_frame(values: object) -> None:
+    with pytest.raises(BadData, match="odd has values of shape"):
+        score(ScoredClip(drive(), PAST), halves(2), Metrics({"odd": lambda *_: values}, {}))
+
+
 @pytest.mark.parametrize("futures", [2, 4])
 def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) -> None:
     with pytest.raises(

@@ -55,8 +55,8 @@ class Metrics:
 
         A wrong name or setting is raised.
         """
-        # The asked metrics, each tried on a blank frame; why others cannot be computed is stored.
-        blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
+        # The asked metrics, each tried on blank frames; why others cannot be computed is stored.
+        blank = np.zeros((2, size_px[1], size_px[0], 3), np.uint8)
         metrics = cls({}, {})
         for role, specs in asked.items():
             for name, spec in specs.items():
@@ -85,7 +85,7 @@ class Metrics:
 
 
 def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:
-    """Add unit, direction, definition, bounds and device of a metric; score a blank frame."""
+    """Add unit, direction, definition, bounds and device of a metric; score blank frames."""
     metric_bounds = getattr(metric, "bounds", UNBOUNDED)
     about |= {
         "unit": metric.unit,
@@ -96,9 +96,12 @@ def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:
     if hasattr(metric, "device"):  # of a network; None is the CPU
         about["device"] = metric.device or "cpu"
     if about["role"] == "frame":
-        metric(blank, blank, None)
+        shape = np.shape(metric(blank, blank, None))
+        if shape != (2,):
+            raise ValueError(f"it returns values of shape {shape} for two frames, expected (2,)")
     if about["role"] == "set":
-        metric.features(blank.repeat(8, axis=0), blank.repeat(8, axis=0))
+        frames = blank.repeat(4, axis=0)
+        metric.features(frames, frames)
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,11 @@ def score(clip: ScoredClip, prediction: Prediction, metrics: Metrics) -> Scores:
         for name, values in _values(clip, prediction, sample, metrics):
             samples[name].append(values)
     stacked = {name: np.array(values, float)[None] for name, values in samples.items()}
+    for name, values in stacked.items():
+        if values.shape[1:] != expected[:2] and FEATURES not in name:
+            raise BadData(
+                f"{name} has values of shape {values.shape[2:]}, expected ({expected[1]},)"
+            )
     return Scores([clip.clip.name], stacked)
 
 

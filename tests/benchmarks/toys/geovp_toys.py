@@ -235,7 +235,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Weightless:
-    """Its weights can never be had, unless a file called `weights` is there."""
+    """Its weights can never be had, unless a file called `weights` is there; a folder is 0-d."""
 
     weights: str = ""
     unit: ClassVar[str] = ""
@@ -246,7 +246,7 @@ class Weightless:
     ) -> np.ndarray:
         if not self.weights or not Path(self.weights).exists():
             raise MissingExtra("weights of toy-weightless are not here: fetch them")
-        return np.zeros(len(target))
+        return np.zeros(len(target) if Path(self.weights).is_file() else ())
 
 
 @dataclass(frozen=True)
