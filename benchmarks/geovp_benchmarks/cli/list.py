@@ -74,7 +74,7 @@ def summary(entry: metadata.EntryPoint) -> str:
         text += f" [{distribution}]"
     package, *names = entry.module.split(".")
     spec = importlib.util.find_spec(package)
-    path = Path(spec.origin or "" if spec else "")
+    path = Path((spec and spec.origin) or package)
     path = path.parent.joinpath(*names or [path.name]).with_suffix(".py")
     source = path.read_text("utf-8") if path.is_file() else ""
     docstring = re.search(rf'^class {entry.attr}\b.*?"""(.*?)"""', source, re.M | re.S)
