@@ -216,10 +216,10 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
 def _check_columns(names: list[str]) -> None:
     """Raise BadData unless names can be columns of a table."""
     for name in names:
-        if "@" in name or name in ALWAYS_SCORED or names.count(name) > 1:
+        if name in ALWAYS_SCORED or names.count(name) > 1:
             raise BadData(
-                f"metrics: a column cannot be called {name!r}, which is reserved, contains '@' or "
-                "stands there twice: give another name"
+                f"metrics: a column cannot be called {name!r}, which is reserved or stands "
+                "there twice: give another name"
             )
 
 

@@ -57,8 +57,8 @@ def _pair(value: Any) -> Any:
 
 IsNamed = BeforeValidator(_named)
 Spec = Annotated[dict[str, Any], IsNamed]  # {"name": ..., **fields}, as `registry.build` takes it
-Specs = Annotated[dict[str, Spec], BeforeValidator(_by_name)]
 FolderName = Annotated[str, AfterValidator(_folder_name)]
+Specs = Annotated[dict[FolderName, Spec], BeforeValidator(_by_name)]  # columns have files, too
 Count = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 Device = Annotated[str, AfterValidator(_device)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=10_000)]
