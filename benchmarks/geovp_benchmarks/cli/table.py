@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> Lines:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
     from geovp_benchmarks.results.store import Results
-    from geovp_benchmarks.tables import formats
+    from geovp_benchmarks.tables import clips, formats, tables
 
     results = Results(args.folder).select(*args.methods)
     groups = [results]
@@ -69,8 +69,7 @@ def run(args: argparse.Namespace) -> Lines:
 
         groups = strata.divide(results, args.by)
     if args.per:
-        from geovp_benchmarks.tables import clips
-
+        tables.scored_methods(results)
         for group in groups:
             lines = clips.per_clip(group, args.metrics)
             if not lines:
@@ -79,10 +78,8 @@ def run(args: argparse.Namespace) -> Lines:
                 yield formats.comma_separated_lines(lines)
                 continue
             heading = f"## {group.protocol()['name']}: clips, the worst first"
-            yield "\n".join([heading, *formats.blocks(lines, terminal_width()), ""])
+            yield "\n".join([heading, *formats.blocks(clips.rounded(lines), terminal_width()), ""])
         return
-    from geovp_benchmarks.tables import tables
-
     selection = tables.Selection(
         metrics=args.metrics, steps=args.steps, strict=args.strict, has_seeds=args.seeds
     )

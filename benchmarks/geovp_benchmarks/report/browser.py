@@ -70,9 +70,11 @@ def build(material: Material, findings: Findings | None) -> Browser:
     methods = [method.label for method in [judge, *material.shown] if method]
     return Browser(
         shown_clips,
-        clips.per_clip(material.results.select(*dict.fromkeys(methods)), material.options.metrics)[
-            : MAX_CLIPS + 1
-        ],
+        clips.rounded(
+            clips.per_clip(material.results.select(*methods), material.options.metrics)[
+                : MAX_CLIPS + 1
+            ]
+        ),
         shown.stride,
         worst,
         causes.frequent(labels, [clip.name for clip in worst]),
