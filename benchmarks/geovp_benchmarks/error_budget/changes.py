@@ -128,7 +128,7 @@ def error_budget(method: MeasuredMethod) -> list[Table]:
     tables, intervals = [], Intervals()
     for number, (name, metric) in enumerate(method.metrics.items()):
         decimals = 2 if metric.unit == "dB" else 4
-        columns = [Column(key, key, None, decimals) for key in pairs[stages[0]]]
+        columns = [Column(key, key, None, f".{decimals}f") for key in pairs[stages[0]]]
         rows = []
         for stage, row in pairs.items():
             changes = {

@@ -97,7 +97,7 @@ class Results:
         for label in self.selected:
             if label not in methods:
                 raise BadData(f"no method is called {label!r}{nearest(label, methods)}")
-        return [methods[label] for label in self.selected or methods]
+        return [methods[label] for label in dict.fromkeys(self.selected or methods)]
 
     def select(self, *labels: str) -> Results:
         """Return the results of the methods with these labels; of all methods without labels."""

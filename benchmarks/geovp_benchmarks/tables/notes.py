@@ -1,6 +1,7 @@
 """Notes below a table: what the numbers are, and what the names of metrics and methods mean."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from geovp_benchmarks.results import stored_facts
@@ -9,10 +10,10 @@ from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.tables.table_model import Table
 
 
-def notes_of(
+def explained(
     table: Table, results: Results, more: Sequence[str] = (), *, strict: bool = False
-) -> list[str]:
-    """Return the notes, with more of them after those on metrics."""
+) -> Table:
+    """Return a table with notes on its numbers and methods, and more of them after the metrics."""
     protocol, methods = results.protocol(), results.methods()
     notes = [
         f"{stored_facts.summary(protocol)}.",
@@ -26,17 +27,17 @@ def notes_of(
         notes.append(f"Privileged inputs: {', '.join(marks)}.")
     if legend := stored_facts.legend(methods):
         notes.append(f"Methods: {legend}.")
-    if not table.has_differences:
-        for method in methods:
-            notes += _on_method(method, len(protocol["clips"]), strict=strict)
-        others = [method.label for method in methods if method.name not in protocol["methods"]]
-        if others:
-            notes.append(
-                f"Not in the matrix of the last run: {', '.join(others)} (remove a folder to leave "
-                "its method out)."
-            )
-        notes += [*weights_notes(methods), f"Protocol id {protocol['id']}."]
-    return "\n".join(notes).splitlines()  # reasons of failures may have several lines
+    for method in methods:
+        notes += _on_method(method, len(protocol["clips"]), strict=strict)
+    others = [method.label for method in methods if method.name not in protocol["methods"]]
+    if others:
+        notes.append(
+            f"Not in the matrix of the last run: {', '.join(others)} (remove a folder to leave its "
+            "method out)."
+        )
+    notes += [*weights_notes(methods), f"Protocol id {protocol['id']}."]
+    lines = "\n".join(notes).splitlines()  # reasons of failures may have several lines
+    return replace(table, notes=lines)
 
 
 def on_numbers(table: Table) -> Iterator[str]:

@@ -12,8 +12,9 @@ from geovp_benchmarks.matrix import papers
 from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.results.stored_facts import MARKS, title
 from geovp_benchmarks.statistics.score import Score
+from geovp_benchmarks.tables.notes import explained
 from geovp_benchmarks.tables.table_model import Row, Table
-from geovp_benchmarks.tables.tables import explained, method_scores, table_of
+from geovp_benchmarks.tables.tables import method_scores, table_of
 
 
 def build(results: Results, name: str) -> list[Table]:
@@ -28,7 +29,7 @@ def build(results: Results, name: str) -> list[Table]:
     }
     headings |= {metric: title(metric) for metric in paper.metrics.get("set", ())}
     methods = _measured(results, published.row, paper.horizons)
-    ours = table_of(name, "measured here", headings, methods, stored, published.decimals)
+    ours = table_of(name, "measured here", headings, methods, stored, f".{published.decimals}f")
     ours = replace(ours, spread="standard-error")
     notes = [f"Protocol: {paper.title}. Differs here: {paper.differences}."]
     if paper.num_clips not in (None, len(stored["clips"])):

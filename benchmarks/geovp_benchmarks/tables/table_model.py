@@ -17,7 +17,7 @@ class Column:
     key: str  # "psnr", "psnr@covered", "psnr t+5"
     heading: str
     higher_is_better: bool | None  # None: neither, so that no value is in bold
-    decimals: int
+    digits: str  # format of numbers, such as ".2f"
     missing: str = "-"  # printed where there is no mean
 
 
@@ -60,18 +60,18 @@ class Table:
 
     def texts(self, row: Row, column: Column, bold: str = "{}") -> tuple[str, str]:
         """Return the mean, and the interval or standard error with a differing number of clips."""
-        score, digits = row.scores.get(column.key), column.decimals
+        score, digits = row.scores.get(column.key), column.digits
         if score is None or np.isnan(score.mean):
             return column.missing, ""
         # "z" prints a negative number that is rounded to zero without its sign.
-        mean = f"{score.mean:{'+' if self.has_differences else ''}z.{digits}f}"
+        mean = f"{score.mean:{'+' if self.has_differences else ''}z{digits}}"
         if (row.label, column.key) in self.marked:
             mean = ("{}*" if self.has_differences else bold).format(mean)
         error = ""
         if self.spread == "interval" and np.isfinite(score.low):
-            error = f" [{score.low:z.{digits}f}, {score.high:z.{digits}f}]"
+            error = f" [{score.low:z{digits}}, {score.high:z{digits}}]"
         if self.spread == "standard-error" and np.isfinite(score.standard_error):
-            error = f" ± {score.standard_error:.{digits}f}"
+            error = f" ± {score.standard_error:{digits}}"
         return mean, error if score.clips == row.num_clips else f"{error} (n={score.clips})"
 
 

@@ -13,7 +13,7 @@ from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.statistics.intervals import Intervals, holm
 from geovp_benchmarks.statistics.samples import mean_of_samples, reductions
 from geovp_benchmarks.statistics.score import Score
-from geovp_benchmarks.tables.notes import notes_of
+from geovp_benchmarks.tables.notes import explained
 from geovp_benchmarks.tables.table_model import (
     Column,
     Row,
@@ -58,6 +58,8 @@ def against(
     """
     # The reference is a method, or the mean of its training seeds.
     protocol, has_seeds = results.protocol(), selection.get("has_seeds")
+    if results.selected and not has_seeds:
+        results = results.select(*results.selected, name)  # notes are on the reference, too
     main = _main_table(results, **selection)
     others = results.select() if has_seeds else results.select(name)
     selection["metrics"] = ()  # the reference may lack some
@@ -70,6 +72,8 @@ def against(
     reference = named[name]
     columns = [column for column in main.columns if column.key in reference.scores]
     methods = [row for row in main.rows if row.scores and row.label != reference.label]
+    if not methods:
+        raise BadData(f"there is no method to compare with {name}: select others, or run them")
     differences: dict[str, dict[str, Score]] = {method.label: {} for method in methods}
     exact: list[str] = []  # titles of columns in which the reference has no error
     starred = set[tuple[str, str]]()
@@ -103,7 +107,7 @@ def against(
     table = Table(
         "against", heading, columns, rows, (), starred, spread=spread, has_differences=True
     )
-    return explained(table, results, notes)
+    return explained(table, results, notes, strict=selection.get("strict", False))
 
 
 def _main_table(
@@ -116,13 +120,8 @@ def _main_table(
 ) -> Table:
     """Return the table of whole frames and poses; BadData for a selected method without scores."""
     # A row for each method with scores
-    protocol, scored = results.protocol(), []
-    for method in results.methods():
-        if method.status in ("done", "partial"):
-            scored.append(method)
-        elif results.selected:
-            raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
-    methods = method_scores(results, scored, strict=strict, steps=steps)
+    protocol = results.protocol()
+    methods = method_scores(results, scored_methods(results), strict=strict, steps=steps)
     if has_seeds:
         methods = _over_seeds(methods, protocol)
     # Columns: those asked for, or all that differ and of which some method has scores
@@ -147,6 +146,17 @@ def _main_table(
             for step in steps
         }
     return table_of("scores", "whole frames and poses", headings, methods, protocol)
+
+
+def scored_methods(results: Results) -> list[Method]:
+    """Return the methods with scores; raise BadData for a selected method without scores."""
+    scored = []
+    for method in results.methods():
+        if method.status in ("done", "partial"):
+            scored.append(method)
+        elif results.selected:
+            raise BadData(f"{method.label} has no scores: {method.status}: {method.reason}")
+    return scored
 
 
 def _over_seeds(rows: Sequence[Row], protocol: Mapping[str, Any]) -> list[Row]:
@@ -288,7 +298,7 @@ def table_of(
     headings: Mapping[str, str],  # by column
     methods: Sequence[Row],
     protocol: Mapping[str, Any],
-    decimals: int | None = None,  # None: as many as the means of each column need
+    digits: str = "",  # format of numbers; "": as the means of each column need it
 ) -> Table:
     """Return a table with the best means in bold."""
     columns = []
@@ -300,7 +310,7 @@ def table_of(
                 key,
                 stored_facts.labelled(words, facts),
                 facts.get("higher_is_better"),
-                decimals=decimals or (2 if max(means, default=0) >= 10 else 3),
+                digits=digits or _digits(max(means, default=0)),
                 missing="unavailable" if facts.get("unavailable") else "-",
             )
         )
@@ -308,8 +318,8 @@ def table_of(
     return Table(name, f"{protocol['name']}: {heading}", columns, methods, marked=bold)
 
 
-def explained(
-    table: Table, results: Results, notes: Sequence[str] = (), *, strict: bool = False
-) -> Table:
-    """Return the table with notes on its numbers, and on the methods."""
-    return replace(table, notes=notes_of(table, results, notes, strict=strict))
+def _digits(mean: float) -> str:
+    """Return the format of a column by its largest mean; below 1e-9 are rounding errors."""
+    if 1e-9 < mean < 1e-4 or mean >= 1e6:
+        return ".4g"
+    return ".2f" if mean >= 10 else ".3f"
