@@ -65,8 +65,8 @@ class TestRun:
         assert ended.code == 1
         assert "\n- other: failed" in ended.out
         assert "1 of 3 methods are not done" in ended.err
-        for option in ("--methods", "--against"):
-            said = refused("table", tmp_path / "out", option, "other")
+        for words in ("--methods", "--against", "--per clip --methods"):
+            said = refused("table", tmp_path / "out", *words.split(), "other")
             assert "other has no scores: failed: ZeroDivisionError: the road ended" in said
 
     def test_sigterm_is_handled_as_before_afterwards(self, tmp_path: Path, printed: Says) -> None:
@@ -203,7 +203,6 @@ WRONG = [
         *((words, "usage: geovp") for words in WRONG),
         ("run x.toml --limit 1.5", "'1.5' is not a whole number from 1 to"),
         ("predict x --size 5xa", "'a' is not a whole number from 1 to 8192"),
-        ("predict x --fov wide", "'wide' is not a number from 1 to 179"),
         ("predict x --fov 180", "'180' is not a number from 1 to 179"),
         ("run x.toml --shard 3", "'3' is not I/N, such as 3/64"),
     ],

@@ -1,8 +1,10 @@
 """A run fills what is missing, records what cannot be, and computes nothing twice."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,21 +13,18 @@ from geovp_benchmarks import plots, report
 from geovp_benchmarks.results.store import Method, Results
 from geovp_benchmarks.running.executors import Processes
 from geovp_benchmarks.running.rescore import rescore, stored_metrics
-from geovp_benchmarks.tables import tables
+from geovp_benchmarks.tables import clips, tables
 from geovp_classic.errors import GeovpError
+from geovp_classic.types import Prediction
 from tests.benchmarks.made import STILL, content, crossed, go, rows, values
+
+
+def samples(count: int) -> Prediction:
+    return Prediction(np.zeros((count, 2, 8, 8, 3), np.uint8))
 
 
 @pytest.mark.usefixtures("toys")
 class TestRows:
-    def test_one_row_per_clip_sample_step_and_metric(self, tmp_path: Path) -> None:
-        methods = go(tmp_path, content(predictors=STILL))
-        assert (methods["still"].status, methods["still"].num_clips) == ("done", 5)
-        # the last seen frame is 1 and 2 levels darker than the next ones
-        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
-        own = {"clip": "road/000", "sample": 0, "step": 2}
-        assert rows(tmp_path, "still")[1] == {**own, "metric": "toy-difference", "value": 2.0}
-
     def test_covered_pixels_and_trajectories_have_rows_of_their_own(self, tmp_path: Path) -> None:
         go(tmp_path, content(**crossed(tmp_path / "log", step_m=1.5)))
         assert values(tmp_path, "a--r", "toy-difference@covered") == [1.0, 2.0] * 5
@@ -42,15 +41,6 @@ class TestRows:
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         methods = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
         assert methods["a--r"].privileged_inputs == ["PAST_POSES"]
-        assert (
-            methods["a--r"].pose_source,
-            methods["a--r"].renderer,
-            methods["still"].pose_source,
-        ) == (
-            "a",
-            "r",
-            None,
-        )
         assert methods["still"].components == {
             "predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}
         }
@@ -65,15 +55,6 @@ class TestRows:
 
 @pytest.mark.usefixtures("toys")
 class TestAgain:
-    def test_selected_methods_join_those_of_earlier_runs(self, tmp_path: Path) -> None:
-        tables = content(predictors={"still": "toy-still", "noise": "toy-noise"})
-        assert [*go(tmp_path, tables, selected=("noise",))] == ["noise"]
-        methods = go(tmp_path, tables, selected=("still",))
-        assert {name: method.status for name, method in methods.items()} == {
-            "still": "done",
-            "noise": "done",
-        }
-
     def test_a_limit_takes_no_clips_from_a_folder_that_has_more(self, tmp_path: Path) -> None:
         noise = {"noise": {"name": "toy-noise"}}
         go(tmp_path, content({"clips": 4}, predictors=STILL), limit=3)
@@ -139,6 +120,23 @@ class TestFailures:
         assert "'needless' does not say what it needs" in methods["needless"].reason
         assert "package_that_nobody_has" in methods["uninstalled"].reason
 
+    @pytest.mark.parametrize(
+        ("predict", "reason"),
+        [
+            (lambda *_: None, "predict returned None, expected a Prediction with up to 1 samples"),
+            (lambda *_: samples(0), "predicted frames have shape (0, 2, 8, 8, 3)"),
+            (lambda *_: samples(2), "predict returned Prediction(frames=[2, 2, 8, 8, 3])"),
+            (lambda *_: sys.exit(), "SystemExit"),
+        ],
+    )
+    def test_wrong_outputs_are_recorded(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, predict: Any, reason: str
+    ) -> None:
+        monkeypatch.setattr("geovp_toys.Still.predict", predict)
+        said = go(tmp_path, content(predictors=STILL))["still"].reason
+        assert said.startswith(reason)
+        assert not said.endswith(":")
+
     def test_a_clip_that_fails_is_scored_as_a_copy_and_tried_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         broken = {
@@ -178,16 +176,26 @@ class TestFailures:
         self, tmp_path: Path
     ) -> None:
         broken = {"name": "toy-broken", "brightness": 32}
-        go(tmp_path, content({"clips": 5}, predictors={"broken": broken}))
-        said, strict = (
-            tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True)
-        )
+        results = Results(tmp_path)
+        go(tmp_path, content({"clips": 5}, predictors={"broken": broken, **STILL}))
+        said, strict = (tables.build(results, strict=strict)[0] for strict in (False, True))
         assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
         words = (
             "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame if "
             "readable (--strict leaves them out)"
         )
-        assert f"{words}: road/003, road/004: ZeroDivisionError: the road ended." in said.notes
+        note = f"{words}: road/003, road/004: ZeroDivisionError: the road ended."
+        assert note in said.notes
+        assert note in tables.against(results.select("still"), "broken").notes
+        heading, *lines = clips.per_clip(results.select("broken"))
+        assert heading[1:4] == [
+            "broken: toy difference (grey levels)",
+            "broken: shown by",
+            "labels",
+        ]
+        shown = {clip: (score, way) for clip, score, way, *_ in lines}
+        assert shown["road/004"] == (1.5, "a copy (failed)")
+        assert shown["road/002"] == (1.5, None)
         assert any("could not be predicted, left out" in note for note in strict.notes)
 
     def test_a_part_that_does_not_suit_a_clip_is_not_tried_again(self, tmp_path: Path) -> None:
@@ -202,7 +210,11 @@ class TestFailures:
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"
         metrics = {
-            "frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}],
+            "frame": {
+                "toy-difference": "toy-difference",
+                "toy-weightless": {"name": "toy-weightless", "weights": str(weights)},
+                "scalar": {"name": "toy-weightless", "weights": str(tmp_path)},
+            },
             "trajectory": [],
         }
         tables = content(metrics=metrics, predictors=STILL)
@@ -210,6 +222,8 @@ class TestFailures:
         entry = Results(tmp_path).protocol()["metrics"]["toy-weightless"]
         assert entry["unavailable"] == "weights of toy-weightless are not here: fetch them"
         assert values(tmp_path, "still", "toy-weightless") == []
+        scalar = Results(tmp_path).protocol()["metrics"]["scalar"]
+        assert scalar["unavailable"].startswith("ValueError: it returns values of shape ()")
         weights.touch()
         go(tmp_path, tables)
         assert values(tmp_path, "still", "toy-weightless") == [0.0] * 10

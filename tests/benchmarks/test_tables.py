@@ -101,13 +101,6 @@ def test_an_unfinished_row_is_shown_but_does_not_compete(results: Results) -> No
     assert any(line.startswith("- half: partial, 1 of 2 clips: run again") for line in text)
 
 
-def test_grants_are_marked_and_explained(results: Results) -> None:
-    text = lines(results)
-    assert row_of(text, "a + sharp")[0] == "a + sharp [pf]"
-    assert row_of(text, "still")[0] == "still"
-    assert "- Privileged inputs: [p] true past poses, [f] true future poses." in text
-
-
 def test_sets_of_pixels_have_their_own_table(results: Results) -> None:
     text = lines(results, 1)
     assert row_of(text, "method")[2:] == ["all pixels (dB) ↑", "covered pixels (dB) ↑", "coverage"]
@@ -200,16 +193,18 @@ def test_a_clip_is_listed_with_what_explains_its_score(tmp_path: Path, printed: 
         "s/1": {"moving": "none", "yaw_deg": 31.0},
     }
     shown_by = {"s/0": "geometry", "s/1": "last-frame"}
-    rows = [("s/0", 0, 1, "psnr", 20.0), ("s/1", 0, 1, "psnr", 12.0)]
+    rows = [("s/0", 0, 1, "psnr", 20.0), ("s/1", 0, 1, "psnr", 12.3456)]
     write_row(results, "geo", rows, facts, shown_by=shown_by)
     text = printed("table", tmp_path, "--per", "clip").splitlines()
     masked = "fraction of pixels fixed to the camera"
     assert row_of(text, "clip") == [
-        *("clip", "geo: PSNR (dB)", "labels", "geo: shown by", "turn (degrees)", "moving", masked)
+        *("clip", "geo: PSNR (dB)", "geo: shown by", "labels", "turn (degrees)", "moving", masked)
     ]
     labels = "shown by the last frame"
-    assert row_of(text, "s/1") == ["s/1", "12", labels, "the last frame", "31", "none", "-"]
+    assert row_of(text, "s/1") == ["s/1", "12.35", "the last frame", labels, "31", "none", "-"]
     assert [line[:5] for line in text if line.startswith("| s/")] == ["| s/1", "| s/0"]
+    words = ["--per", "clip", "--format", "csv"]
+    assert "\ns/1,12.3456,the last frame," in printed("table", tmp_path, *words)
 
 
 def test_columns_that_repeat_another_or_have_no_score_are_left_out(tmp_path: Path) -> None:
@@ -217,7 +212,8 @@ def test_columns_that_repeat_another_or_have_no_score_are_left_out(tmp_path: Pat
     error = METRICS["translation-error"]
     metrics = {"translation-error": error, "average-displacement": error}
     write_protocol(results, ["a"], "xy", metrics={**metrics, "psnr": METRICS["psnr"]})
-    write(results, "a", {(clip, 0, key): 1.5 for clip in "xy" for key in metrics})
+    write(results, "a", {(clip, 0, key): 4e-8 for clip in "xy" for key in metrics})
+    assert row_of(lines(results), "a")[2] == "4e-08 ± 0"
     assert [column.key for column in tables.build(results)[0].columns] == ["translation-error"]
     (asked,) = tables.build(results, metrics=[*metrics])
     assert len(asked.columns) == 2
