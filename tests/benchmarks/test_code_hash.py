@@ -4,7 +4,6 @@ silence.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import sys
 from collections.abc import Iterator
@@ -97,9 +96,3 @@ class TestCode:
             assert "geovp_classic.data.layouts.kitti" not in used
             assert {type(component).__module__, "geovp_classic.metrics.strata"} <= used.keys()
         assert {"geovp_classic.rendering.fusion", "geovp_classic.depth.multiview"} <= used.keys()
-
-    def test_parts_of_parts_count(self, package: Path) -> None:
-        hover = importlib.import_module("somebodys_package.parts").Hover
-        inner = dataclasses.make_dataclass("Inner", [])
-        inner.__module__ = hover.__module__
-        assert code_hash([DepthFusion(depth=inner())]) != code_hash([DepthFusion()])  # type: ignore[arg-type]

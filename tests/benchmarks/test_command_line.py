@@ -20,21 +20,6 @@ from .test_cli import run
 
 @pytest.mark.usefixtures("toys")
 class TestSettings:
-    def test_what_is_set_stands_in_the_results_as_if_written(
-        self, tmp_path: Path, printed: Says
-    ) -> None:
-        settings = (
-            "protocol.stride=3",
-            "pose_sources.steady.step_m=2.5",
-            'predictors.other = "toy-still"',
-        )
-        printed(*run(tmp_path, *(word for one in settings for word in ("--set", one))))
-        results = Results(tmp_path / "out")
-        assert results.protocol()["stride"] == 3
-        assert results.protocol()["methods"] == ["steady--slide", "still", "other"]
-        method = results.by_name()["steady--slide"]
-        assert method.components["pose_source"]["step_m"] == 2.5
-
     @pytest.mark.parametrize(
         ("setting", "says"),
         [
@@ -66,10 +51,6 @@ class TestNames:
         assert read.renderers["fusion"] == {
             "name": "depth-fusion",
             "inpainter": {"name": "telea"},
-        }
-        assert read.renderers == {
-            **matrices.read(Path("demo")).renderers,
-            "fusion": read.renderers["fusion"],
         }
 
 

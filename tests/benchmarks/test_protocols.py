@@ -93,19 +93,6 @@ def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
 FOLLOWS = {"protocol": {"name": "fvs20", "root": "raw"}, "predictors": {"copy-last": "copy-last"}}
 
 
-def test_a_matrix_follows_a_protocol_by_name() -> None:
-    parsed = schema.parse("m", FOLLOWS)
-    assert (parsed.num_past, parsed.num_future, parsed.size_px, parsed.stride) == (
-        4,
-        5,
-        (832, 256),
-        1,
-    )
-    assert parsed.root == Path("raw")
-    assert parsed.dataset["name"] == "kitti-raw"
-    assert schema.Matrix.model_validate_json(parsed.model_dump_json()) == parsed
-
-
 def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
     own = {"name": "kitti", "sequences": ["06"], "fit": "stretch"}
     protocol = {"name": "fvs20", "root": "odometry", "stride": 14, "dataset": own}

@@ -60,11 +60,6 @@ def test_a_full_disk_under_the_output_is_an_error(folder: Path) -> None:
     assert geovp("run matrix.toml --out results --no-report", ">/dev/full", folder) == 2
 
 
-def test_a_clip_is_predicted_although_nobody_reads(folder: Path) -> None:
-    assert geovp(PREDICT, "2>&-", folder) == 0
-    assert any((folder / "predicted").iterdir())
-
-
 @pytest.mark.parametrize(
     ("words", "code"),
     [(PREDICT, 0), ("predict nowhere --fps 10", 2), ("list renderers", 0), ("list nothing", 2)],
