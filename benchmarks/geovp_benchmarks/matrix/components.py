@@ -58,7 +58,7 @@ def files_of(components: Iterable[object]) -> Iterator[str]:
     those with weights have a fingerprint, and plug-ins may have a folder that they write.
     """
     for component in nested(components):
-        is_classic = type(component).__module__.startswith("geovp_classic.")
+        is_classic = component.__module__.startswith("geovp_classic.")
         for path in vars(component).values() if is_classic else ():
             if isinstance(path, Path):
                 # Of all sequences, so that further clips do not change the hashes

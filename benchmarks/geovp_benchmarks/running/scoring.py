@@ -100,7 +100,7 @@ def _try_out(metric: Any, about: dict[str, Any], blank: ByteArray) -> None:
         if shape != (2,):
             raise ValueError(f"it returns values of shape {shape} for two frames, expected (2,)")
     if about["role"] == "set":
-        frames = blank.repeat(4, axis=0)
+        frames = blank.repeat(4, 0)
         metric.features(frames, frames)
 
 

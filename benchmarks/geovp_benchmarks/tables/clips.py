@@ -1,6 +1,6 @@
 """Table of clips: what they are, how well methods predict them, and what shows them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ def per_clip(results: Results, metrics: Sequence[str] = ()) -> list[list[Any]]:
     return [[*columns], *([column[row] for column in columns.values()] for row in order)]
 
 
-def rounded(lines: Iterable[Sequence[Any]]) -> list[list[str]]:
+def rounded(lines: list[list[Any]]) -> list[list[str]]:
     """Return cells as text for people, with four digits, and "-" for what is not known."""
     return [
         [f"{cell:.4g}" if isinstance(cell, float) else cell or "-" for cell in line]
