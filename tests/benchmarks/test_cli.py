@@ -105,6 +105,8 @@ class TestRun:
             assert words.split()[2] in refused("table", out, *words.split())
         text = printed("table", out, "--against", "still", "--spread", "standard-error")
         assert "±" in text
+        alone = ["--against", "still", "--methods", "still"]
+        assert "no other method to compare with still" in refused("table", out, *alone)
         assert "--limit" in refused("export", out, "--limit", "1", "--out", tmp_path / "a.csv")
 
 

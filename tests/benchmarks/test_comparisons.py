@@ -136,8 +136,6 @@ def test_differences_of_chosen_methods(results: Results) -> None:
     assert [row.label for row in table.rows] == ["good"]
     with pytest.raises(BadData, match="no method is called 'bse'"):
         tables.against(results.select("good"), "bse")
-    with pytest.raises(BadData, match="no method to compare with base"):
-        tables.against(results.select("base"), "base")
 
 
 def test_errors_are_not_tested_against_a_method_without_any(results: Results) -> None:

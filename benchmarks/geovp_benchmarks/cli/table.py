@@ -89,6 +89,8 @@ def run(args: argparse.Namespace) -> Lines:
         shown = published.build(results, args.paper)
     elif args.against:
         shown = [tables.against(group, args.against, args.spread, **selection) for group in groups]
+        if not any(table.rows for table in shown):
+            raise BadData(f"no other method to compare with {args.against}: select or run some")
     elif args.by:
         shown = [tables.build(group, args.spread, **selection)[0] for group in groups]
     else:

@@ -72,8 +72,6 @@ def against(
     reference = named[name]
     columns = [column for column in main.columns if column.key in reference.scores]
     methods = [row for row in main.rows if row.scores and row.label != reference.label]
-    if not methods:
-        raise BadData(f"there is no method to compare with {name}: select others, or run them")
     differences: dict[str, dict[str, Score]] = {method.label: {} for method in methods}
     exact: list[str] = []  # titles of columns in which the reference has no error
     starred = set[tuple[str, str]]()
