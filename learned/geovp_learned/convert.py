@@ -3,7 +3,6 @@
 Sizes are read from the tensors, other settings from the options that the authors store with them.
 """
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any
 from torch import Tensor
 
 from geovp_classic import atomic, files
-from geovp_classic.errors import BadData
 from geovp_learned import checkpoints, inert_pickle, model_cards
 from geovp_learned.synsin.network import Architecture as SynSinArchitecture
 from geovp_learned.synsin.train import SynSinTraining
@@ -44,8 +42,11 @@ def convert(file: Path, method: str, out: Path) -> list[str]:
 
     Raise BadData if the file is not one of the method's, or if shapes differ.
     """
-    settings, given, units = READERS[method](file)
-    name, network = next(iter(settings.build().items()))
+    content = inert_pickle.load(file)
+    expected = "give a file named in docs/guide/official-weights.md (SRVP's beside its config.json)"
+    with files.checked(f"{file} has other entries than the published files of {method}", expected):
+        settings, given, units = READERS[method](file, content)
+        name, network = next(iter(settings.build().items()))
     wanted = network.state_dict()
     # Files of torch before 0.4.1 do not count batches
     counters = {key: value for key, value in wanted.items() if key.endswith("batches_tracked")}
@@ -59,12 +60,11 @@ def convert(file: Path, method: str, out: Path) -> list[str]:
     return sorted(set(given) - set(wanted))
 
 
-def _svg(file: Path) -> Converted:
-    content = inert_pickle.load(file)
-    tensors = _modules(file, content, "opt", "encoder", "decoder", "posterior", "prior")
+def _svg(_: Path, content: Any) -> Converted:
+    tensors = _modules(content, "opt", "encoder", "decoder", "posterior", "prior")
     options = inert_pickle.options(content["opt"])
     architecture = svg.Architecture(
-        _coding(file, tensors, "encoder"),
+        _coding(tensors, "encoder"),
         last_frame_skip=bool(options["last_frame_skip"]),
         **_recurrent_sizes(tensors, "frame_predictor", "posterior"),
     )
@@ -72,19 +72,15 @@ def _svg(file: Path) -> Converted:
     return svg.SvgTraining(architecture, past, future), tensors, "pixels in [0, 1]"
 
 
-def _slamp(file: Path) -> Converted:
-    content = inert_pickle.load(file)
-    tensors = _modules(file, content, "opt", "pixel_encoder", "flow_decoder", "mask_decoder")
+def _slamp(_: Path, content: Any) -> Converted:
+    tensors = _modules(content, "opt", "pixel_encoder", "flow_decoder", "mask_decoder")
     tensors = {key.replace(".layers.", ".main."): value for key, value in tensors.items()}
     options = inert_pickle.options(content["opt"])
     if options.get("motion_skip") or not (options["running_avg"] and options["last_frame_skip"]):
-        raise BadData(
-            f"{file} was trained with other skip connections than the paper's: give a file "
-            "trained with --last_frame_skip and --running_avg, without --motion_skip"
-        )
+        raise ValueError("not trained with --last_frame_skip --running_avg, without --motion_skip")
     form: Any = options["dataset"] if "img_encoder" in content else "generic"
     if form == "generic":
-        coding = _coding(file, tensors, "pixel_encoder")
+        coding = _coding(tensors, "pixel_encoder")
     else:
         code_size = len(tensors["pixel_encoder.c3.1.main.1.bias"])
         coding = AutoencoderConfig(code_size=code_size)
@@ -98,26 +94,24 @@ def _slamp(file: Path) -> Converted:
     return slamp.SlampTraining(architecture, past, future), tensors, "pixels in [0, 1]"
 
 
-def _srvp(file: Path) -> Converted:
-    given = inert_pickle.state_dict(inert_pickle.load(file))
-    config = file.with_name("config.json")
-    with files.checked(f"{config} does not fit", "put the authors' config.json beside the weights"):
-        options = json.loads(files.read_text(config))
-        architecture = srvp.Architecture(
-            AutoencoderConfig(
-                options["archi"], options["nx"], options["nf"], options["nhx"], options["nc"]
-            ),
-            use_skips=bool(options["skipco"]),
-            inference_size=options["nh_inf"],
-            inference_layers=options["nlayers_inf"],
-            residual_size=options["nh_res"],
-            residual_layers=options["nlayers_res"],
-            state_size=options["ny"],
-            latent_size=options["nz"],
-            first_frames=options["nt_inf"],
-            steps_per_frame=options["n_euler_steps"],
-        )
-        past, length = options["nt_cond"], options["seq_len"]
+def _srvp(file: Path, content: Any) -> Converted:
+    given = inert_pickle.state_dict(content)
+    options = files.read_json(file.with_name("config.json"))
+    architecture = srvp.Architecture(
+        AutoencoderConfig(
+            options["archi"], options["nx"], options["nf"], options["nhx"], options["nc"]
+        ),
+        use_skips=bool(options["skipco"]),
+        inference_size=options["nh_inf"],
+        inference_layers=options["nlayers_inf"],
+        residual_size=options["nh_res"],
+        residual_layers=options["nlayers_res"],
+        state_size=options["ny"],
+        latent_size=options["nz"],
+        first_frames=options["nt_inf"],
+        steps_per_frame=options["n_euler_steps"],
+    )
+    past, length = options["nt_cond"], options["seq_len"]
     settings = srvp.SrvpTraining(
         architecture, past, length - past, observation_std=options.get("obs_scale", 1.0)
     )
@@ -128,15 +122,14 @@ def _srvp(file: Path) -> Converted:
         theirs = [key for key in given if key.startswith(part)]
         ours = [key for key in network.state_dict() if key.startswith(part)]
         if [key.rpartition(".")[2] for key in theirs] != [key.rpartition(".")[2] for key in ours]:
-            raise BadData(f"{file} and {config} describe another {part}: give files of one model")
+            raise ValueError(f"config.json describes another {part}")
         tensors |= {key: given[name] for key, name in zip(ours, theirs, strict=True)}
     return settings, tensors, "pixels in [0, 1]"
 
 
-def _synsin(file: Path) -> Converted:
-    content = inert_pickle.load(file)
-    if not isinstance(content, dict) or not {"state_dict", "opts"} <= set(content):
-        raise BadData(f"{file} has no state_dict and opts: give a checkpoint of SynSin")
+def _synsin(_: Path, content: Any) -> Converted:
+    if not {"state_dict", "opts"} <= set(content):
+        raise ValueError("no state_dict and opts")
     # The options must be those of the paper's model.
     options = inert_pickle.options(content["opts"])
     wanted = {
@@ -151,12 +144,11 @@ def _synsin(file: Path) -> Converted:
     }
     differing = [name for name, value in wanted.items() if options.get(name) != value]
     if differing:
-        raise BadData(
-            f"{file} has another {', '.join(differing)} than the paper's SynSin: give a file "
-            "named synsin*.pth"
-        )
+        raise ValueError(f"another {', '.join(differing)} than the paper's SynSin")
     # Unit, camera and range of depth belong to the data set and the options.
-    unit_m, focal_px, units = SYNSIN_DATASETS[options["dataset"]]
+    if (dataset := options["dataset"]) not in SYNSIN_DATASETS:
+        raise ValueError(f"dataset {dataset!r}, expected {', '.join(SYNSIN_DATASETS)}")
+    unit_m, focal_px, units = SYNSIN_DATASETS[dataset]
     is_inverse = options.get("use_inverse_depth", False)
     depth_range = (0.0, 0.0) if is_inverse else (options["min_z"], options["max_z"])
     # Only names of tensors differ.
@@ -173,7 +165,7 @@ def _synsin(file: Path) -> Converted:
     return SynSinTraining(architecture), tensors, units
 
 
-READERS: Mapping[str, Callable[[Path], Converted]] = {
+READERS: Mapping[str, Callable[[Path, Any], Converted]] = {
     "svg": _svg,
     "slamp": _slamp,
     "srvp": _srvp,
@@ -181,11 +173,11 @@ READERS: Mapping[str, Callable[[Path], Converted]] = {
 }
 
 
-def _modules(file: Path, content: Any, *names: str) -> Tensors:
-    """Return the tensors of all modules in a file; raise BadData if it lacks one of these names."""
-    missing = [name for name in names if not isinstance(content, dict) or name not in content]
+def _modules(content: Any, *names: str) -> Tensors:
+    """Return the tensors of all modules in a file; raise ValueError if it lacks a name."""
+    missing = [name for name in names if name not in content]
     if missing:
-        raise BadData(f"{file} has no {', '.join(missing)}: give a file that the authors published")
+        raise ValueError(f"no {', '.join(missing)}")
     return {
         f"{name}.{key}": value
         for name, module in content.items()
@@ -194,7 +186,7 @@ def _modules(file: Path, content: Any, *names: str) -> Tensors:
     }
 
 
-def _coding(file: Path, tensors: Tensors, encoder: str) -> AutoencoderConfig:
+def _coding(tensors: Tensors, encoder: str) -> AutoencoderConfig:
     """Read the sizes of an encoder from its tensors."""
     prefix = f"{encoder}.c"
     stages = {
@@ -205,7 +197,7 @@ def _coding(file: Path, tensors: Tensors, encoder: str) -> AutoencoderConfig:
         f"{encoder}.c1.0.main.0.weight" if is_vgg else f"{encoder}.c1.main.0.weight"
     )
     if first is None:
-        raise BadData(f"{file} has no encoder of SVG or SLAMP: give a file that they published")
+        raise ValueError(f"no layers of an {encoder}")
     sizes: Any = {
         "style": "vgg" if is_vgg else "dcgan",
         "size_px": INNERMOST_PX << len(stages) - 1,

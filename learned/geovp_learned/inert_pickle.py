@@ -69,7 +69,7 @@ def state_dict(module: Any) -> dict[str, Tensor]:
     """Return the tensors of a pickled module, or of a state dict, under their names."""
     if isinstance(module, dict):
         return {str(name): value for name, value in module.items() if isinstance(value, Tensor)}
-    held = vars(module)
+    held = options(module)
     tensors = {**held.get("_parameters", {}), **held.get("_buffers", {})}
     named = {name: value for name, value in tensors.items() if isinstance(value, Tensor)}
     for name, child in held.get("_modules", {}).items():

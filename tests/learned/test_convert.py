@@ -28,24 +28,23 @@ CODING = AutoencoderConfig("vgg", 16, 8, 8)
 GREY = AutoencoderConfig("dcgan", 16, 8, 8, 1)
 
 
-def modules_of(network: nn.Module) -> dict[str, Any]:
-    return dict(network.named_children())
-
-
 def svg_file(path: Path) -> nn.Module:
     network = svg.SvgNetwork(svg.Architecture(GREY, 8, latent_size=3))
     options = argparse.Namespace(last_frame_skip=False, n_past=3, n_future=2, optimizer=print)
-    content = {**modules_of(network), "opt": options}
+    content = {**dict(network.named_children()), "opt": options}
     # The format of torch before 1.6, in which SVG's files are
     torch.save(content, path, _use_new_zipfile_serialization=False)
     return network
 
 
-def slamp_file(path: Path, **changes: Any) -> nn.Module:
+SKIPS = {"running_avg": True, "last_frame_skip": True, "motion_skip": False}
+SLAMP_OPTIONS = {**SKIPS, "dataset": "kitti", "n_past": 3, "n_future": 2}
+
+
+def slamp_file(path: Path) -> nn.Module:
     network = slamp.SlampNetwork(slamp.Architecture(CODING, 8, latent_size=3, mask_width=8))
-    kinds = {"running_avg": True, "last_frame_skip": True, "motion_skip": False, "dataset": "bair"}
-    options = argparse.Namespace(**{**kinds, "n_past": 3, "n_future": 2, **changes})
-    torch.save({**modules_of(network), "opt": options, "epoch": 7}, path)
+    options = argparse.Namespace(**SLAMP_OPTIONS)
+    torch.save({**dict(network.named_children()), "opt": options, "epoch": 7}, path)
     return network
 
 
@@ -56,8 +55,7 @@ def slamp_kitti_file(path: Path) -> nn.Module:
         if isinstance(module, slamp.GaussianLstm):
             module.embed = nn.Conv2d(4, 4, 3)  # as theirs, which are never used
     # Their options are a dictionary here
-    kinds = {"running_avg": True, "last_frame_skip": True, "motion_skip": False, "dataset": "kitti"}
-    torch.save({**modules_of(network), "opt": {**kinds, "n_past": 3, "n_future": 2}}, path)
+    torch.save({**dict(network.named_children()), "opt": SLAMP_OPTIONS}, path)
     return network
 
 
@@ -124,12 +122,12 @@ def synsin_file(path: Path, **changes: Any) -> nn.Module:
     return network
 
 
-FILES: dict[str, tuple[str, str, Callable[[Path], nn.Module]]] = {
-    "svg": ("svg", "predictors", svg_file),
-    "slamp": ("slamp", "predictors", slamp_file),
-    "slamp-kitti": ("slamp", "predictors", slamp_kitti_file),
-    "srvp": ("srvp", "predictors", srvp_file),
-    "synsin": ("synsin", "renderers", synsin_file),
+FILES: dict[str, Callable[[Path], nn.Module]] = {
+    "svg": svg_file,
+    "slamp": slamp_file,
+    "slamp-kitti": slamp_kitti_file,
+    "srvp": srvp_file,
+    "synsin": synsin_file,
 }
 
 
@@ -137,9 +135,9 @@ FILES: dict[str, tuple[str, str, Callable[[Path], nn.Module]]] = {
 def test_a_file_of_the_authors_loads_and_predicts(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    method, role, write = FILES[name]
-    file = tmp_path / "theirs.pth"
-    wanted = write(file).state_dict()
+    method, file = name.partition("-")[0], tmp_path / "theirs.pth"
+    role = "renderers" if method == "synsin" else "predictors"
+    wanted = FILES[name](file).state_dict()
     assert main(["convert", str(file), "--method", method]) == 0
     said = capsys.readouterr().out
     dropped = {"synsin": "netD.whatever", "slamp-kitti": "prior_app.embed.weight"}
@@ -172,6 +170,30 @@ def test_depth_ranges_come_from_the_options(tmp_path: Path) -> None:
     architecture = checkpoints.read_tensors(out)[0]["settings"]["architecture"]
     assert (architecture["unit_m"], architecture["focal_px"]) == (1.0, 0.0)
     assert architecture["depth_range"] == [1.0, 100.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "reason"),
+    [
+        ("svg", {"opt": {"last_frame_skip": False}}, "'n_past'"),
+        ("slamp", {"opt": SKIPS}, "'n_past'"),
+        ("srvp", None, "config.json describes another encoder"),  # a list in place of tensors
+        (
+            "synsin",
+            {"opts": {**OPTIONS, "dataset": "replica"}},
+            "dataset 'replica', expected kitti",
+        ),
+    ],
+)
+def test_other_files_are_refused_in_a_sentence(
+    name: str, changes: Any, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "theirs.pth"
+    FILES[name](file)
+    content = torch.load(file, weights_only=False)
+    torch.save({**content, **changes} if changes else [], file)
+    assert main(["convert", str(file), "--method", name]) == 2
+    assert f"published files of {name} ({reason}" in capsys.readouterr().err
 
 
 class Evil:
