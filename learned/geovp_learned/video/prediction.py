@@ -16,7 +16,12 @@ from geovp_learned import checkpoints, devices
 from geovp_learned.tensors import frames_from_images, grey, images_from_frames
 from geovp_learned.video.training import resize
 
-PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
+# Pixels of the frames in one batch of samples, which decide on memory and speed, not on results.
+# The authors' networks take 2.5 to 5 kB per pixel (in single precision, measured on a CPU). On one
+# thread of a CPU memory matters: 0.2 GB. A GPU needs many pixels to be busy: 256 samples at 64x64,
+# or 16 at 256x256, take 5 GB, which all GPUs for training have.
+CPU_PIXELS = 10 * 64 * 64
+GPU_PIXELS = 256 * 64 * 64
 
 
 @dataclass(frozen=True)
@@ -55,9 +60,10 @@ class VideoPredictor(checkpoints.Pretrained):
         observed = images_from_frames(grey(frames)[..., :1] if is_grey else frames)
         observed = observed.to(self.device)
         noise = noise_of(recent, self.seed, num_samples, network.noise_size).to(self.device)
+        pixels_at_once = GPU_PIXELS if self.device.startswith("cuda") else CPU_PIXELS
         samples: list[ByteArray] = []
         with torch.inference_mode(), devices.one_thread():
-            for chunk in noise.split(max(1, PIXELS_AT_ONCE // math.prod(size_px))):
+            for chunk in noise.split(max(1, pixels_at_once // math.prod(size_px))):
                 images = network.predict(observed.expand(len(chunk), -1, -1, -1, -1), chunk)
                 predicted = frames_from_images(images.expand(-1, -1, 3, -1, -1))
                 samples += [resize(each, width_px, height_px) for each in predicted]
