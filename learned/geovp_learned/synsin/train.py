@@ -34,14 +34,18 @@ class Weights:
 @dataclass(frozen=True)
 class SynSinTraining:
     """Settings of training; the target of an example is a random one of its next `max_horizon`
-    frames.
+    frames. The authors draw it from the five frames before and after, and do not mirror.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
     weights: Weights = field(default_factory=Weights)
     content_net: losses.ContentNet = "squeeze"
     max_horizon: int = 20
+    mirror_probability: float = 0.5
     grey_probability: float = 0.2  # probability that an example is shown without colours
+    # Of Adam; base_model.py of the authors has (0, 0.9) with an adversary and (0.99, 0.9) without.
+    # The default is that of synsin-small, whose file does not name it.
+    betas: tuple[float, float] = (0.9, 0.99)
     rate: float = 1e-3
     discriminator_rate: float = 2e-3
     discriminator_width: int = 64
@@ -55,11 +59,10 @@ class SynSinTraining:
         return networks
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """Build Adam; betas (0, 0.9) as in the paper with a discriminator, else (0.9, 0.99)."""
-        betas = (0.0, 0.9) if self.weights.adversarial else (0.9, 0.99)
+        """Build Adam for each network."""
         rates = {"generator": self.rate, "discriminator": self.discriminator_rate}
         return {
-            name: Adam(network.parameters(), lr=rates[name], betas=betas)
+            name: Adam(network.parameters(), lr=rates[name], betas=self.betas)
             for name, network in networks.items()
         }
 
@@ -76,7 +79,7 @@ class SynSinTraining:
     def example(self, item: Window, rng: np.random.Generator) -> Batch:
         """Return an example with a horizon drawn from `rng`, some mirrored, some grey."""
         horizon = int(rng.integers(1, self.max_horizon + 1))
-        mirrored, in_grey = rng.random(2) < (0.5, self.grey_probability)
+        mirrored, in_grey = rng.random(2) < (self.mirror_probability, self.grey_probability)
         return pairs.frame_pairs(item, [horizon], mirrored=mirrored, in_grey=in_grey)
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> dict[str, Losses]:

@@ -12,7 +12,7 @@ def test_an_adversary_takes_turns_with_the_generator(
     trained: Callable[..., Any], method: SynSinTraining, clip: Clip
 ) -> None:
     weights = replace(method.weights, adversarial=0.1)
-    adversarial = replace(method, weights=weights)
+    adversarial = replace(method, weights=weights, betas=(0.0, 0.9))
     examples = adversarial.examples([adversarial.prepare(clip)], training=True)[:2]
     networks, history = trained(adversarial, examples, num_steps=30)
     assert set(networks) == {"generator", "discriminator"}
