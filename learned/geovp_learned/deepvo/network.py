@@ -44,7 +44,7 @@ class Architecture:
     focal_widths: float = 1.93  # of the network's camera; KITTI's central square has 1.91 to 1.93
     centre: tuple[float, float] = (0.468, 0.475)  # its principal point, in widths and heights
     encoder_width: float = 1.0  # channels, as a fraction of FlowNetS's
-    dropout: float = 0.2
+    dropout: float = 0.2  # after the last convolution, and between layers of the LSTM
     lstm_size: int = 50
     lstm_layers: int = 1
     head: Head = "2d"
