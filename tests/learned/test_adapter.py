@@ -85,7 +85,6 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     monkeypatch.setattr(
         registry, "_entry_points", lambda role: both if role == "predictors" else found(role)
     )
-    monkeypatch.setattr(EntryPoint, "load", lambda self: Dusk if self is own else LOAD(self))
     assert [
         finding.detail for finding in contracts.check("predictors", Dusk()) if not finding.passed
     ] == []
@@ -104,6 +103,3 @@ def test_it_keeps_the_contract_and_joins_a_matrix(
     assert method.status == "done"
     assert method.components["predictor"]["noise"] == 0.1
     assert method.components["predictor"]["device"] in ("cpu", "cuda")
-
-
-LOAD = EntryPoint.load

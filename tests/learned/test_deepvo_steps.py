@@ -14,10 +14,6 @@ from geovp_learned.deepvo.network import (
 from geovp_learned.deepvo.train import DeepVoTraining
 
 
-def value(number: torch.Tensor) -> float:
-    return float(number.detach())
-
-
 def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
     return motions(torch.tensor(steps, dtype=torch.float64), "2d")
 
@@ -38,7 +34,7 @@ def test_rotation_errors_are_the_short_way_round() -> None:
 
 
 def steps_2d(*rows: tuple[float, float, float]) -> torch.Tensor:
-    return torch.tensor([rows], dtype=torch.float32, requires_grad=True)
+    return torch.tensor([rows])
 
 
 STRAIGHT = flat((0, 1, 0), (0, 1, 0), (0, 1, 0))[None].float()
@@ -53,25 +49,18 @@ def test_the_absolute_loss_by_hand() -> None:
     twice as far: 0.039967 m^2.
     """
     method = DeepVoTraining(architecture=Architecture(head="2d"))
-    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT)
-    assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
-    assert value(losses["future"]) == pytest.approx(1.0 + (0.0099917 + 0.0399667) / 2, rel=1e-5)
-    assert value(losses["total"]) == pytest.approx(value(losses["past"]) + value(losses["future"]))
+    past = steps_2d((0, 1, 0.1)).requires_grad_()
+    losses = method.losses(past, steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT)
+    losses["future"].backward()
+    assert past.grad.all()  # the future's error trains the encoder as well
+    errors = {name: float(loss.detach()) for name, loss in losses.items()}
+    assert errors["past"] == pytest.approx(1.0, rel=1e-5)
+    assert errors["future"] == pytest.approx(1.0 + (0.0099917 + 0.0399667) / 2, rel=1e-5)
+    assert errors["total"] == pytest.approx(errors["past"] + errors["future"])
 
 
 def test_the_relative_loss_sees_only_the_wrong_step() -> None:
     method = DeepVoTraining(loss="relative")
     losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT)
-    assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
-    assert value(losses["future"]) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_past_error_goes_through_the_encoder_only_and_the_future_error_through_both() -> None:
-    method = DeepVoTraining()
-    past, future = steps_2d((0, 1, 0.1)), steps_2d((0, 2, 0), (0, 1, 0))
-    losses = method.losses(past, future, STRAIGHT)
-    (gone,) = torch.autograd.grad(losses["past"], future, retain_graph=True)
-    assert not gone.any()
-    of_past, of_future = torch.autograd.grad(losses["future"], (past, future))
-    assert float(of_past.abs().sum()) > 0
-    assert float(of_future.abs().sum()) > 0
+    assert float(losses["past"]) == pytest.approx(1.0, rel=1e-5)
+    assert float(losses["future"]) == pytest.approx(0.0, abs=1e-9)
