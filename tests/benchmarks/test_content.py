@@ -13,6 +13,7 @@ from geovp_benchmarks.running.executors import Serial
 from geovp_benchmarks.running.plan import Plan
 from geovp_benchmarks.running.run import run
 from geovp_classic import registry
+from geovp_classic.data.frames.image_frames import FrameFiles
 from tests.benchmarks.made import values, write_images
 
 PROTOCOL = {"num_past": 2, "num_future": 1, "size_px": [16, 16], "stride": 3}
@@ -73,6 +74,16 @@ def test_an_edited_frame_is_noticed_reported_and_recomputed(
     assert Results(out).clips().names == kept
     target = Results(out).clips().read("drive/000003").frames[-1]
     np.testing.assert_array_equal(target, frame[..., ::-1])
+
+
+def test_an_edited_pixel_changes_a_file_without_compression(tmp_path: Path) -> None:
+    digests = set()
+    for grey in (0, 1):
+        image = np.zeros((64, 64), np.uint8)
+        image[20, 20] = grey
+        cv2.imwrite(str(tmp_path / "0.bmp"), image)
+        digests.add(FrameFiles((tmp_path / "0.bmp",), ((64, 64),)).digest(0))
+    assert len(digests) == 2
 
 
 def test_digests_of_other_files_poses_and_times_differ(street: Path) -> None:
