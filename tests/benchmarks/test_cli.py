@@ -107,6 +107,8 @@ class TestRun:
         assert "±" in text
         alone = ["--against", "still", "--methods", "still"]
         assert "no other method to compare with still" in refused("table", out, *alone)
+        serial = ("--fresh", "--workers", "0", "--time-limit", "9")
+        assert "leave one out" in refused(*run(tmp_path, *serial))
         assert "--limit" in refused("export", out, "--limit", "1", "--out", tmp_path / "a.csv")
 
 

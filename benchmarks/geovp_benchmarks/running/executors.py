@@ -81,7 +81,9 @@ class Serial:
 
     @contextmanager
     def open(self, limit: TimeLimit, prepare: Prepare) -> Iterator[Pool]:
-        """Yield the pool."""
+        """Yield the pool; raise BadData for a limit, which needs a process that can be ended."""
+        if limit.given_s is not None:
+            raise BadData("--workers 0 has no process to end at --time-limit: leave one out")
         yield self
 
     def submit(self, function: Callable[[Any], Any], task: Any) -> futures.Future[Any]:
