@@ -176,57 +176,79 @@ class Tracker:
         It needs the indices [M] and pixels [M, 2] of tracks that were found. A motion with enough
         parallax initialises a new map.
         """
-        settings = self.settings
-        world = self.map
         assert self._keyframe is not None
-        # A bad image: few tracks of a map were found, or their points contradict it. The map stays,
-        # unless image after image contradicts it.
-        has_map = world.triangulated.any()
-        min_found = settings.min_found_fraction * world.active.sum()
-        if has_map and len(index) < min_found:
+        # A bad image is bridged, and the map stays
+        if self._is_bad_image(index):
             return None
-        num_points = world.triangulated[index].sum()
-        is_bridgeable = self._num_bridged < settings.max_bridged
-        if num_points >= settings.resection.min_inliers and is_bridgeable:
-            return None
-        # Two-view motion since the keyframe
-        in_keyframe = world.observed[-1, index]
+        # Without a motion that most tracks share, the image is bridged, too
+        in_keyframe = self.map.observed[-1, index]
         index = index[in_keyframe]
         pixels = pixels[in_keyframe]
-        motion = settings.two_view.estimate(
-            world.rays(world.observations[-1, index]),
-            world.rays(pixels),
-            world.noise,
-        )
-        min_fraction = settings.min_start_fraction
-        min_inliers = max(settings.min_start_points, min_fraction * len(index))
-        if motion is None or motion.inliers.sum() < min_inliers:
+        motion = self._motion_since_keyframe(index, pixels)
+        if motion is None:
             return None
-        min_left = settings.min_reference_fraction * world.observed[-1].sum()
+        # A translation with parallax initialises the next map
+        min_left = self.settings.min_reference_fraction * self.map.observed[-1].sum()
         few_left = motion.inliers.sum() < min_left
         initialises = motion.has_translation and self._has_parallax(motion, few_left)
         # The map ends, and with it the unit of length
-        if has_map:
-            world.keep_newest_only()
+        if self.map.triangulated.any():
+            self.map.keep_newest_only()
             self.segment += 1
-        # The baseline defines the unit: 1 at first, then as if the speed had not changed
+        # The baseline defines the unit: 1 at first, then as if the speed had not changed. Without
+        # a next map the camera only rotates.
         elapsed_s = max(image.time_s - self._keyframe.time_s, 1e-6)
         baseline = 1.0
         if self._speed_per_s is not None:
             baseline = self._speed_per_s * elapsed_s
         cam_from_keyframe = motion.b_from_a.copy()
         cam_from_keyframe[:3, 3] *= baseline if initialises else 0.0
-        cam_from_world = cam_from_keyframe @ world.keyframes[-1].cam_from_world
+        cam_from_world = cam_from_keyframe @ self.map.keyframes[-1].cam_from_world
         inliers = motion.inliers
         tracks = self._move(image, index[inliers], pixels[inliers], cam_from_world)
         if initialises:
-            twist = se3.log(se3.inverse(cam_from_keyframe))
-            self._twist_per_s = twist / elapsed_s
-            self._add_keyframe(image)
-            self._localise_waiting()
+            self._initialise_map(image, cam_from_keyframe, elapsed_s)
         elif few_left:
-            self._start_from(image)
+            self._start_from(image)  # a new reference, for the next motions
         return tracks
+
+    def _is_bad_image(self, index: IntArray) -> bool:
+        """Return whether the image is bad and not the map, given the tracks [M] that were found.
+
+        Few tracks of the map were found, or their points contradict it. The map is to blame if
+        image after image contradicts it.
+        """
+        settings = self.settings
+        has_map = self.map.triangulated.any()
+        if has_map and len(index) < settings.min_found_fraction * self.map.active.sum():
+            return True
+        is_bridgeable = self._num_bridged < settings.max_bridged
+        num_points = self.map.triangulated[index].sum()
+        return is_bridgeable and num_points >= settings.resection.min_inliers
+
+    def _motion_since_keyframe(self, index: IntArray, pixels: FloatArray) -> TwoView | None:
+        """Estimate two-view motion from the newest keyframe; None with too few inliers."""
+        settings = self.settings
+        rays_in_keyframe = self.map.rays(self.map.observations[-1, index])
+        rays = self.map.rays(pixels)
+        motion = settings.two_view.estimate(rays_in_keyframe, rays, self.map.noise)
+        min_inliers = max(settings.min_start_points, settings.min_start_fraction * len(index))
+        if motion is None or motion.inliers.sum() < min_inliers:
+            return None
+        return motion
+
+    def _initialise_map(
+        self, image: Image, cam_from_keyframe: FloatArray, elapsed_s: float
+    ) -> None:
+        """Initialise a map with the last localised image, given its motion since the keyframe.
+
+        Earlier images that waited for a map are localised in it.
+        """
+        # The speed comes from the whole motion, since the last pose was a rotation only
+        twist = se3.log(se3.inverse(cam_from_keyframe))
+        self._twist_per_s = twist / elapsed_s
+        self._add_keyframe(image)
+        self._localise_waiting()
 
     def _has_parallax(self, motion: TwoView, few_left: bool) -> bool:
         """Return whether a motion has enough parallax for a map; less is enough if it is late."""
