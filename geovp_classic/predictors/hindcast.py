@@ -18,6 +18,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import FramePredictor, Scene
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
+from geovp_classic.rendering.source import Source, resampled
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -143,9 +144,9 @@ class ShownScene:
         intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F], in any size."""
-        last = pinhole.resize(self.context.frames[-1], intrinsics.size_px)
         copied = self.copied(world_from_cam, intrinsics)
         if copied.all():
+            last = self._seen(self.context.frames[-1], intrinsics)
             frames = np.repeat(last[None], len(times_s), axis=0)
             return Views(frames, ~copied, np.zeros(copied.shape, np.float32))
         if self.verdict.shown_by == "image-motion":
@@ -154,6 +155,7 @@ class ShownScene:
             views = self.scene.view(world_from_cam, times_s, intrinsics)
         if not copied.any():
             return views
+        last = pinhole.resize(self.context.frames[-1], intrinsics.size_px)
         frames = np.where(copied[..., None], last, views.frames)
         moving = None if views.moving is None else views.moving & ~copied
         return Views(frames, views.covered & ~copied, views.depths, moving)
@@ -161,17 +163,26 @@ class ShownScene:
     def copied(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> BoolArray:
         """Return which pixels [F, H, W] of the views are those of the last frame.
 
-        A camera with another field of view has none.
+        Those of a camera with another field of view are so by the verdict alone.
         """
         mask = pinhole.resize_mask(self.mask, intrinsics.size_px)
-        same_view = self.context.intrinsics.resized(*intrinsics.size_px).matrix
-        if not np.allclose(intrinsics.matrix, same_view):
-            return np.zeros((len(world_from_cam), *mask.shape), bool)
         shift = np.abs(world_from_cam - self.world_from_last)
         is_last = shift.max(axis=(1, 2)) < self.max_rounding
         is_last &= self.verdict.shown_by == "geometry"
-        is_last |= self.verdict.shown_by == "last-frame"
-        return is_last[:, None, None] | mask
+        pixels = is_last[:, None, None] | mask
+        pixels &= self._has_view(intrinsics)
+        return pixels | (self.verdict.shown_by == "last-frame")
+
+    def _has_view(self, intrinsics: Intrinsics) -> bool:
+        """Return whether a camera has the field of view of the context."""
+        same_view = self.context.intrinsics.resized(*intrinsics.size_px)
+        return np.allclose(intrinsics.matrix, same_view.matrix)
+
+    def _seen(self, frame: ByteArray, intrinsics: Intrinsics) -> ByteArray:
+        """Return a frame of the context as a camera at its place shows it."""
+        if self._has_view(intrinsics):
+            return pinhole.resize(frame, intrinsics.size_px)
+        return resampled(Source(frame, self.context.intrinsics, np.eye(4)), intrinsics)
 
     def each(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
@@ -187,15 +198,13 @@ class ShownScene:
     def _moved_views(self, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """Return views [F] by image motion, measured in their size; none before the last frame."""
         context = self.context
-        size_px = intrinsics.size_px
-        last = np.stack([pinhole.resize(frame, size_px) for frame in context.frames[-2:]])
+        last = np.stack([self._seen(frame, intrinsics) for frame in context.frames[-2:]])
         frames = np.repeat(last[-1:], len(times_s), axis=0)
         covered = np.zeros(frames.shape[:3], bool)
         is_future = times_s > context.past_s[-1]
         if is_future.any():
-            camera = context.intrinsics.resized(*size_px)
             future_s = np.append(context.past_s[-2:], times_s[is_future])
-            prediction = self.image_motion.predict(Context(last, future_s, camera))
+            prediction = self.image_motion.predict(Context(last, future_s, intrinsics))
             frames[is_future] = prediction.frames[0]
             if prediction.covered is not None:
                 covered[is_future] = prediction.covered[0]

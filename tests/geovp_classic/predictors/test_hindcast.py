@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,16 +125,22 @@ def test_the_last_frame_is_shown_where_nothing_predicts_better() -> None:
 
 
 @pytest.mark.parametrize(("way", "is_copy"), [("last-frame", True), ("image-motion", False)])
-@pytest.mark.parametrize("size_px", [(80, 60), (320, 240)])
-def test_a_replaced_scene_is_not_shown_in_any_size(
-    way: ShownBy, is_copy: bool, size_px: tuple[int, int]
+@pytest.mark.parametrize(
+    ("camera", "window"),
+    [
+        (CAMERA.resized(80, 60), np.s_[:]),
+        (CAMERA.resized(320, 240), np.s_[:]),
+        (CAMERA.cropped(8, 6, 48, 36), np.s_[6:42, 8:56]),
+    ],
+)
+def test_a_replaced_scene_is_not_shown_in_any_camera(
+    way: ShownBy, is_copy: bool, camera: Intrinsics, window: Any
 ) -> None:
     scene, context = scene_of(Wall(offset=2.4))
-    camera = CAMERA.resized(*size_px)
     times_s = context.times_s[NUM_PAST:]
     shown = replace(scene, verdict=Verdict(shown_by=way))
     views = shown.view(context.future.world_from_cam, times_s, camera)
-    last = pinhole.resize(context.frames[-1], size_px)
+    last = pinhole.resize(context.frames[-1][window], camera.size_px)
     assert (views.frames == [last, last]).all() == is_copy
     far = shown.scene.view(context.future.world_from_cam, times_s, camera)
     assert np.abs(views.frames.astype(int) - far.frames).mean() > 10
