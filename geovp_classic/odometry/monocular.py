@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scale
-from geovp_classic.observation import ImageStream, observations_of, stream_needs
+from geovp_classic.observation import ImageStream, Observer, observations_of, stream_needs
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.segment_scale import SegmentScale, TrackedImages, joined
 from geovp_classic.odometry.tracking import Image, Tracker, TrackerSettings
@@ -43,6 +44,8 @@ class Monocular:
     min_baseline_heights: float = 1 / 3
     # Relative, of a scale that counts as measured: the least spread of `SpeedPrior`
     max_uncertainty: float = 0.2
+    # Images of a sequence with one scene mask: 3 s at KITTI's rate, as in `FocalLengthEstimator`
+    num_masked: int = 30
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -78,11 +81,15 @@ class Monocular:
     ) -> tuple[Trajectory, BoolArray]:
         """Return the trajectory [T] of a whole drive, and which images were tracked [T].
 
-        Images are read one by one, and adjusted in a sliding window of keyframes.
+        Images are read a few at a time, and adjusted in a sliding window of keyframes. Those that
+        are read together have one mask of pixels that do not show the scene.
         """
         run = MonocularRun(self, intrinsics, camera_height_m)
-        for frame, time_s in zip(frames, times_s, strict=True):
-            run.push(self.image(pinhole.grey8(frame), float(time_s)))
+        images = zip(map(pinhole.grey8, frames), times_s.tolist(), strict=True)
+        while batch := list(itertools.islice(images, self.num_masked)):
+            mask, _ = Observer().scene(np.stack([grey for grey, _ in batch]))
+            for grey, time_s in batch:
+                run.push(self.image(grey, time_s, mask))
         return run.finish(times_s)
 
     def image(self, grey: ByteArray, time_s: float, mask: BoolArray | None = None) -> Image:
