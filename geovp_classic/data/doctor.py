@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_classic.data.findings import Finding, Findings
+from geovp_classic.data.findings import FileFinding, Findings
 from geovp_classic.data.formats.pose_files import clock_of
 from geovp_classic.data.frames.image_frames import Size, image_size, read_image
 from geovp_classic.data.frames.undistortion import common_pinhole
@@ -29,7 +29,7 @@ class Examination:
     """The contents of a root, and its findings."""
 
     rows: tuple[dict[str, str], ...]  # a table row for every sequence, by column
-    findings: tuple[Finding, ...]  # sequence by sequence
+    findings: tuple[FileFinding, ...]  # sequence by sequence
     usable_splits: tuple[str, ...]  # the named splits whose frames are all here
 
     @property
@@ -71,7 +71,7 @@ class Doctor:
                 f"the names that docs/guide/{layout}.md shows"
             )
         rows = []
-        all_findings: list[Finding] = []
+        all_findings: list[FileFinding] = []
         num_frames = {}
         for name in watch(list(folders)):
             findings = Findings()

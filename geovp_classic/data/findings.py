@@ -23,7 +23,7 @@ PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True)
-class Finding:
+class FileFinding:
     """An observation about a file; an error stops a loader, a warning or a note does not."""
 
     path: Path
@@ -39,12 +39,12 @@ class Finding:
 class BadFile(BadData):
     """A finding that is raised."""
 
-    def __init__(self, finding: Finding) -> None:
+    def __init__(self, finding: FileFinding) -> None:
         super().__init__(str(finding))
         self.finding = finding
 
 
-class Findings(list[Finding]):
+class Findings(list[FileFinding]):
     """A list that reading functions add their findings to."""
 
     def add(
@@ -55,7 +55,7 @@ class Findings(list[Finding]):
         severity: Severity = "error",
     ) -> None:
         """Add a finding about a line of a file, or about a file or folder as a whole."""
-        self.append(Finding(path, line, severity, message))
+        self.append(FileFinding(path, line, severity, message))
 
     @contextlib.contextmanager
     def catch(self, path: Path, line: int | None = None) -> Iterator[None]:
@@ -134,7 +134,7 @@ class Findings(list[Finding]):
 class FirstError(Findings):
     """Findings that raise an error, as a BadFile, instead of collecting it."""
 
-    def append(self, finding: Finding) -> None:
+    def append(self, finding: FileFinding) -> None:
         """Raise an error; ignore warnings and notes."""
         if finding.severity == "error":
             raise BadFile(finding)

@@ -32,7 +32,7 @@ from geovp_classic.types import (
 
 
 @dataclass(frozen=True)
-class Verdict:
+class HindcastVerdict:
     """Result of a hindcast; by default that of a scene that was not tested."""
 
     # Root mean square errors in grey values; empty: not tested
@@ -61,14 +61,16 @@ class Hindcast:
         if not 0 < self.scale <= 1:
             raise BadData(f"hindcast: scale is {self.scale}, expected more than 0 and at most 1")
 
-    def judge(self, predictor: FramePredictor, context: Context, mask: BoolArray) -> Verdict:
+    def judge(
+        self, predictor: FramePredictor, context: Context, mask: BoolArray
+    ) -> HindcastVerdict:
         """Return by what a clip is shown, given the predictor by geometry.
 
         All observed frames of the context [P] must be usable; pixels of the mask [H, W] are not
         compared. With fewer than four frames, or too few for a component, there is no test.
         """
         if context.num_past < 4:
-            return Verdict()
+            return HindcastVerdict()
 
         # The observed frames are a clip of their own, whose future is known
         size_px = self.frame_size(context.intrinsics)
@@ -91,19 +93,19 @@ class Hindcast:
             except Incompatible:  # too few corners, for example
                 errors[name] = np.inf
             except BadData:  # settings that half of the frames do not suit
-                return Verdict()
+                return HindcastVerdict()
             else:
                 errors[name] = self.error(prediction.frames[0], second.frames, mask)
         return self.verdict([errors])
 
-    def verdict(self, tests: Sequence[Mapping[ShownBy, float]]) -> Verdict:
+    def verdict(self, tests: Sequence[Mapping[ShownBy, float]]) -> HindcastVerdict:
         """Return the verdict on the mean errors of one test or more; geometry is preferred."""
         errors = {name: float(np.mean([test[name] for test in tests])) for name in tests[0]}
         shown_by = min(errors, key=errors.__getitem__)
         if errors[shown_by] >= self.max_error_ratio * errors["geometry"]:
             shown_by = "geometry"
         agreement = 1 / (1 + errors[shown_by] / self.error_at_half_confidence)
-        return Verdict(errors, shown_by, agreement)
+        return HindcastVerdict(errors, shown_by, agreement)
 
     def frame_size(self, camera: Intrinsics) -> tuple[int, int]:
         """Return (width, height) of the predicted frames in pixels."""
@@ -134,7 +136,7 @@ class ShownScene:
     mask: BoolArray  # [H, W], non-scene pixels
     world_from_last: FloatArray  # [4, 4]
     image_motion: FramePredictor = FlowExtrapolation()
-    verdict: Verdict = Verdict()
+    verdict: HindcastVerdict = HindcastVerdict()
     max_rounding: float = 1e-9  # of an entry of a pose, which is still that of the last frame
 
     def view(
@@ -189,7 +191,7 @@ class ShownScene:
     ) -> dict[ShownBy, ByteArray]:
         """Return the frames [F, H, W, 3] of the views by each way to show them."""
         ways: tuple[ShownBy, ...] = get_args(ShownBy)
-        scenes = {way: replace(self, verdict=Verdict(shown_by=way)) for way in ways}
+        scenes = {way: replace(self, verdict=HindcastVerdict(shown_by=way)) for way in ways}
         return {
             way: scene.view(world_from_cam, times_s, intrinsics).frames
             for way, scene in scenes.items()

@@ -14,7 +14,7 @@ from geovp_classic.odometry.monocular import MonocularRun
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.predictors.hindcast import Verdict
+from geovp_classic.predictors.hindcast import HindcastVerdict
 from geovp_classic.streaming.commands import Command
 from geovp_classic.streaming.live_hindcast import LiveHindcast
 from geovp_classic.streaming.present import LiveState, Present, forecast
@@ -194,7 +194,7 @@ class LivePredictor:
         # Render the scene from the present pose; copies of the last frame count as seen
         path, times_s = present.path(time_s, commands, last_from_present)
         # A given motion is not that of the image
-        scene = replace(present.scene, verdict=Verdict()) if is_given else present.scene
+        scene = replace(present.scene, verdict=HindcastVerdict()) if is_given else present.scene
         views = scene.view(path[:1], times_s[:1], self.intrinsics)
         covered = (views.covered | scene.copied(path[:1], self.intrinsics))[0]
         if covered.mean() < self.settings.min_covered:

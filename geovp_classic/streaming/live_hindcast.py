@@ -7,7 +7,7 @@ import numpy as np
 from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Forecaster
-from geovp_classic.predictors.hindcast import ShownScene, Verdict
+from geovp_classic.predictors.hindcast import HindcastVerdict, ShownScene
 from geovp_classic.streaming.present import Present
 from geovp_classic.streaming.recent_frames import Frame
 from geovp_classic.streaming.settings import LiveSettings
@@ -42,7 +42,7 @@ class LiveHindcast:
             self._tested = None
             self._forecaster = None
         is_judged = len(self._errors) == settings.num_tests
-        verdict = hindcast.verdict(self._errors) if is_judged else Verdict()
+        verdict = hindcast.verdict(self._errors) if is_judged else HindcastVerdict()
         return replace(scene, image_motion=hindcast.image_motion, verdict=verdict)
 
     def remember(self, present: Present) -> None:

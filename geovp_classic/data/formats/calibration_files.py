@@ -15,7 +15,7 @@ import yaml
 from PIL import ExifTags, Image
 
 from geovp_classic import files
-from geovp_classic.data.findings import RAISE, BadFile, Finding, parse_numbers
+from geovp_classic.data.findings import RAISE, BadFile, FileFinding, parse_numbers
 from geovp_classic.data.frames.image_frames import Size
 from geovp_classic.data.frames.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -115,7 +115,7 @@ def read_entry(path: Path, name: str, count: int) -> FloatArray:
         if key == name:
             with RAISE.catch(path, line):
                 return parse_numbers(numbers, count)
-    raise BadFile(Finding(path, None, "error", f"has no line '{name}:'"))
+    raise BadFile(FileFinding(path, None, "error", f"has no line '{name}:'"))
 
 
 def read_projection(path: Path, name: str, size_px: Size) -> tuple[DistortedCamera, FloatArray]:

@@ -19,7 +19,7 @@ from geovp_classic.pose_sources.commanded import Commanded
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.flow_extrapolation import FlowExtrapolation
 from geovp_classic.predictors.geometric import GeometricPredictor
-from geovp_classic.predictors.hindcast import Hindcast, ShownScene, Verdict
+from geovp_classic.predictors.hindcast import Hindcast, HindcastVerdict, ShownScene
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -138,7 +138,7 @@ def test_a_replaced_scene_is_not_shown_in_any_camera(
 ) -> None:
     scene, context = scene_of(Wall(offset=2.4))
     times_s = context.times_s[NUM_PAST:]
-    shown = replace(scene, verdict=Verdict(shown_by=way))
+    shown = replace(scene, verdict=HindcastVerdict(shown_by=way))
     views = shown.view(context.future.world_from_cam, times_s, camera)
     last = pinhole.resize(context.frames[-1][window], camera.size_px)
     assert (views.frames == [last, last]).all() == is_copy
@@ -148,7 +148,7 @@ def test_a_replaced_scene_is_not_shown_in_any_camera(
 
 def test_image_motion_at_one_time_is_that_of_all_times() -> None:
     scene, context = scene_of(Wall())
-    shown = replace(scene, verdict=Verdict(shown_by="image-motion"))
+    shown = replace(scene, verdict=HindcastVerdict(shown_by="image-motion"))
     poses, times_s = context.future.world_from_cam, context.times_s[NUM_PAST:]
     both = shown.view(poses, times_s, CAMERA).frames
     alone = shown.view(poses[1:], times_s[1:], CAMERA).frames

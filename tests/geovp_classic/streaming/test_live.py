@@ -18,7 +18,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import Hold
 from geovp_classic.forecasting.selected import Selected
 from geovp_classic.geometry import se3
-from geovp_classic.predictors.hindcast import Verdict
+from geovp_classic.predictors.hindcast import HindcastVerdict
 from geovp_classic.streaming import Command, LivePredictor, LiveSettings, LiveView
 from geovp_classic.streaming.present import Present
 from geovp_classic.types import ByteArray, Clip, FloatArray, Trajectory
@@ -215,7 +215,7 @@ def test_commands_replace_the_forecast(live: LivePredictor, clip: Clip) -> None:
 def test_commands_are_along_the_plane_of_a_camera_that_looks_aside(clip: Clip) -> None:
     poses = se3.exp(np.outer(np.arange(10), [1, 0.02, 0.01, 0, 0, 0]))
     past = Trajectory(poses, clip.times_s[:10], is_metric=True)
-    scene = Mock(verdict=Verdict(shown_by="image-motion"))
+    scene = Mock(verdict=HindcastVerdict(shown_by="image-motion"))
     settings = LiveSettings(path_s=0.0)
     present = Present(settings, scene, past, np.ones(10, bool), past.times_s, poses[None])
     last_s = past.times_s[-1]
