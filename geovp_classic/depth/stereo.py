@@ -29,7 +29,7 @@ class Stereo:
 
     # Nearer surfaces are not searched for. KITTI's lowest row shows the road at 5.8 m.
     nearest_m: float = 4.0
-    block_px: int = 5
+    block_px: int = 5  # OpenCV suggests 3 to 11
     max_difference_px: int = 1  # of the disparities from left and right: rounding
     # By which the best match must win; OpenCV suggests 5 to 15.
     uniqueness_percent: int = 5

@@ -26,8 +26,10 @@ class DrivingTest:
     min_forward_fraction: float = 0.9
     # Of pitch and roll, root mean square; roads shake a car by less, a walker shakes more
     max_shake_rad_s: float = 0.15
-    # A full lock turns a car by a radian in 5 m; slower motion is not a drive.
+    # A full lock turns a car by a radian in 5 m.
     max_curvature_rad_m: float = 0.2
+    # A third of a walker's speed: a slower path is mostly noise, whose direction is no drive's. Set
+    # by hand.
     min_speed_m_s: float = 0.5
 
     def passes(self, past: Trajectory) -> bool:

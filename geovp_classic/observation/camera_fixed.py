@@ -46,6 +46,9 @@ class CameraFixedDetection:
     max_noise_px: float = 0.4
     min_gradient: float = 1.5  # grey values per pixel, of a textured cell
     min_motion_px: float = 3.0  # of the rest of the image, from the first to the last frame
+    # Quantile of the textured cells whose motion is that of the rest of the image. At most half of
+    # them are fixed to the camera, so that this is the median of the others or more. Set by hand.
+    motion_quantile: float = 0.75
     min_evident_fraction: float = 0.002  # of the cells, in each region
     max_still_change: float = 4.0  # grey values, standard deviation without texture
     max_fraction: float = 0.5  # of the image; where more stays in place, the camera does
@@ -73,7 +76,7 @@ class CameraFixedDetection:
         is_textured = np.sqrt(self._windows(x * x + y * y)) > self.min_gradient
         if not is_textured.any():
             return nothing
-        motion_px = float(np.quantile(self._motion(greys)[is_textured], 0.75))
+        motion_px = float(np.quantile(self._motion(greys)[is_textured], self.motion_quantile))
         if motion_px < self.min_motion_px:
             return nothing
 

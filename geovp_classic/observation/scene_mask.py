@@ -22,6 +22,9 @@ class SceneMasking:
     max_bar_grey: float = 20.0
     # Of a bar, over that of the image; dark footage is not letterboxing.
     max_bar_brightness_fraction: float = 0.1
+    # Quantile of the pixels that is the image's brightness: a few lamps or a logo do not count. Set
+    # by hand.
+    brightness_quantile: float = 0.95
     # Of a bar's line that may be brighter, as of a channel's logo
     max_lit_fraction: float = 0.02
     # Of the height and the width, between bars: a square video in a frame of 16:9 has .56.
@@ -41,7 +44,7 @@ class SceneMasking:
         num_lines = len(brightest)
         black = min(
             self.max_bar_grey,
-            self.max_bar_brightness_fraction * np.quantile(brightest, 0.95),
+            self.max_bar_brightness_fraction * np.quantile(brightest, self.brightness_quantile),
         )
         is_lit = (brightest > black).mean(axis=1) > self.max_lit_fraction
         lit = np.flatnonzero(is_lit)
@@ -56,11 +59,14 @@ class SceneMasking:
         return slice(int(start), int(stop))
 
 
-def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
+def read_mask(
+    path: Path, height_px: int, width_px: int, max_aspect_error: float = 0.05
+) -> BoolArray:
     """Return the nonzero pixels of an image file as a mask [H, W] of that size.
 
     Raise BadData for a file that is not an image, has transparent pixels, or whose aspect ratio
-    differs by more than 5 %.
+    differs by more than `max_aspect_error`. Its default is set by hand: a mask of a reduced image
+    passes, one of 16:9 for frames of 3:2 (19 % wider) does not.
     """
     data = np.frombuffer(files.read_bytes(path), np.uint8)
     # with 16 bits, too, of which the upper ones may be 0
@@ -77,7 +83,7 @@ def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
             "transparency that is nonzero where no scene is shown"
         )
     height, width = image.shape
-    if abs(width * height_px / (height * width_px) - 1) > 0.05:
+    if abs(width * height_px / (height * width_px) - 1) > max_aspect_error:
         raise BadData(
             f"mask {path} has {width}x{height} pixels, the frames {width_px}x{height_px}: give a "
             "mask of the frames' aspect ratio"

@@ -31,11 +31,15 @@ class FocalLength:
     low_px: float
     high_px: float
     num_windows: int  # that were informative
+    # Standard deviation relative to the focal length. Set by hand: a tenth moves what the camera
+    # turns into view by a tenth.
+    max_sure_error: float = 0.1
 
     @property
     def is_sure(self) -> bool:
-        """Return whether the standard deviation is below a tenth, enough for prediction."""
-        return bool(np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1)
+        """Return whether the standard deviation is small enough for prediction."""
+        max_width = 2 * NORMAL_QUANTILE * self.max_sure_error
+        return bool(np.log(self.high_px / self.low_px) < max_width)
 
 
 @dataclass(frozen=True)

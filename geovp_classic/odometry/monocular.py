@@ -44,8 +44,6 @@ class Monocular:
     min_baseline_heights: float = 1 / 3
     # Relative, of a scale that counts as measured: the least spread of `SpeedPrior`
     max_uncertainty: float = 0.2
-    # Images of a sequence with one scene mask: 3 s at KITTI's rate, as in `FocalLengthEstimator`
-    num_masked: int = 30
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -78,15 +76,16 @@ class Monocular:
         times_s: FloatArray,  # [T]
         intrinsics: Intrinsics,
         camera_height_m: float | None = None,
+        num_masked: int = 30,
     ) -> tuple[Trajectory, BoolArray]:
         """Return the trajectory [T] of a whole drive, and which images were tracked [T].
 
-        Images are read a few at a time, and adjusted in a sliding window of keyframes. Those that
-        are read together have one mask of pixels that do not show the scene.
+        Images are adjusted in a sliding window of keyframes. They are read `num_masked` at a time,
+        with one scene mask: by default those of 3 s at 10 Hz, as in `FocalLengthEstimator`.
         """
         run = MonocularRun(self, intrinsics, camera_height_m)
         images = zip(map(pinhole.grey8, frames), times_s.tolist(), strict=True)
-        while batch := list(itertools.islice(images, self.num_masked)):
+        while batch := list(itertools.islice(images, num_masked)):
             mask, _ = Observer().scene(np.stack([grey for grey, _ in batch]))
             for grey, time_s in batch:
                 run.push(self.image(grey, time_s, mask))

@@ -27,11 +27,14 @@ class UnitSpeed:
 
 @dataclass
 class UnitScale:
-    """Estimator of a unit that stays unknown."""
+    """Estimator of a unit that stays unknown.
 
-    unit: float = 1.0
+    Its values are those that `ScaleEstimator` defines for a scale without measurements.
+    """
+
+    unit: float = 1.0  # metres, as if the odometry's unit were one
     units: FloatArray = field(default_factory=lambda: np.zeros(0))
-    uncertainty: float = np.inf
+    uncertainty: float = np.inf  # relative: nothing is known
 
     def finalize(self, length: float, duration_s: float) -> None:
         """Assume nothing."""

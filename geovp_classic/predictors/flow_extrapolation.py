@@ -34,7 +34,8 @@ class FlowExtrapolation:
 
     inpainter: Inpainter = DetailTransfer()
     # Forward and backward flow may differ by this fraction of their lengths, and by this many
-    # pixels in addition, unless a pixel is occluded (Sundaram et al. 2010).
+    # pixels in addition, unless a pixel is occluded: squared, the .01 and .5 of Sundaram et al.
+    # (2010).
     max_inconsistency: float = 0.1
     max_inconsistency_px: float = 0.7
 
