@@ -87,7 +87,7 @@ class Multiview:
         observations = observations_of(context, "crop")
         greys, camera = self._bounded(observations)
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
-        confidence = np.zeros(context.frames.shape[:3], np.float32)
+        confidence = np.zeros_like(inverse_depths)
         poses = past.world_from_cam
         for frame in self.frames:
             step = frame % num_past

@@ -81,7 +81,7 @@ class DepthAlignment:
         """
         reference, reliability = self.reference.inverse_depths(context, past)
         inverse_depths = np.zeros(relative.shape, np.float32)
-        confidence = np.zeros(relative.shape, np.float32)
+        confidence = np.zeros_like(inverse_depths)
         for step in range(len(relative)):
             is_known = np.isfinite(relative[step])
             is_fitted = is_known & (reliability[step] >= self.min_confidence)

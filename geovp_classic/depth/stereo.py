@@ -64,7 +64,7 @@ class Stereo:
         baseline_m = self._baseline_m(context.right)
         num_disparities = 16 * int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16))
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
-        confidence = np.zeros(context.frames.shape[:3], np.float32)
+        confidence = np.zeros_like(inverse_depths)
         right = right_at_scale(context.right, camera, num_disparities)
         disparity_px = self._disparity_px(context.frames[-1], right, num_disparities)
         is_matched = disparity_px >= 0

@@ -76,7 +76,7 @@ def _is_visible(
     is_inside = (inside == pixels).all(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = np.where(is_inside, inverse_depth / depth, np.nan)
-    is_visible = np.zeros(len(rays), dtype=bool)
+    is_visible = np.zeros(len(rays), bool)
     for order in (0, 1):  # the nearest pixel, and linear interpolation
         recorded = map_coordinates(observed, inside.T[::-1], order=order, mode="nearest")
         is_visible |= np.abs(recorded - expected) <= tolerance * expected

@@ -177,24 +177,24 @@ def observations_of(context: Context, frames: ImageStream) -> Observations:
 
     Raise Incompatible if the uncropped frames, or depths for them, are missing.
     """
-    observer = Observer()
-    if frames == "crop":
-        if context.observations is not None:
-            return context.observations
-        greys = _greys(context.frames)
-        usable = observer.screening.usable(greys)
-        unmasked = np.zeros(greys.shape[1:], bool)
-        return Observations(context.frames, greys, usable, context.intrinsics, unmasked)
-    if context.full is None:
+    view: Context | ExtraView | None = context
+    observations = context.observations
+    if frames == "full":
+        view = context.full
+        observations = context.full_observations
+    if view is None:
         raise Incompatible(
             "uncropped frames are asked for, the clip has none: use a data set that gives them"
         )
-    if context.full_observations is not None:
-        return context.full_observations
-    greys = _greys(context.full.frames)
+    if observations is not None:
+        return observations
+    observer = Observer()
+    greys = _greys(view.frames)
     usable = observer.screening.usable(greys)
     unmasked = np.zeros(greys.shape[1:], bool)
-    return observer.full_observations(context.full, context.intrinsics, usable, unmasked)
+    if isinstance(view, ExtraView):
+        return observer.full_observations(view, context.intrinsics, usable, unmasked)
+    return Observations(view.frames, greys, usable, view.intrinsics, unmasked)
 
 
 def future_greys(context: Context, frames: ImageStream) -> ByteArray:

@@ -111,7 +111,7 @@ class CornerTracker:
         were not found are finite but meaningless.
         """
         if len(pixels) == 0:
-            return np.zeros((0, 2)), np.zeros(0, dtype=bool)
+            return np.zeros((0, 2)), np.zeros(0, bool)
         images = (self.match_exposure(before, now), now)
         tracked, is_found = self._track(images, pixels, predicted, self.num_predicted_levels)
         if is_found.mean() < self.min_found_fraction:

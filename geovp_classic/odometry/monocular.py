@@ -66,7 +66,7 @@ class Monocular:
         for image in map(Image, greys, corners, times_s[steps]):
             run.push(image)
         trajectory, is_tracked = run.finish(times_s)
-        tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
+        tracked: BoolArray = np.zeros(len(times_s), bool)
         tracked[steps] = is_tracked
         return trajectory, tracked
 

@@ -17,7 +17,7 @@ class RecordedPast:
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """Return the recorded past [P], all tracked; raise Incompatible without poses."""
         past = recorded(context.past, "past")
-        return past, np.ones(len(past), dtype=bool)
+        return past, np.ones(len(past), bool)
 
 
 def recorded(trajectory: Trajectory | None, which: str) -> Trajectory:

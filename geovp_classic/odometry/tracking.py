@@ -245,8 +245,7 @@ class Tracker:
         Earlier images that waited for a map are localised in it.
         """
         # The speed comes from the whole motion, since the last pose was a rotation only
-        twist = se3.log(se3.inverse(cam_from_keyframe))
-        self._twist_per_s = twist / elapsed_s
+        self._twist_per_s = se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
         self._add_keyframe(image)
         self._localise_waiting()
 
@@ -264,9 +263,7 @@ class Tracker:
         """
         self._num_bridged += 1
         is_lost = self._num_bridged > self.settings.max_bridged
-        starts = False
-        if self._last is None or is_lost:
-            starts = self._restart(image, world_from_cam)
+        starts = (self._last is None or is_lost) and self._restart(image, world_from_cam)
         self._append(world_from_cam, tracked=starts and self._num_bridged == 1, starts=starts)
 
     def _append(

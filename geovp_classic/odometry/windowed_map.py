@@ -152,7 +152,7 @@ class WindowedMap:
     def clear(self) -> None:
         """Remove all keyframes and tracks."""
         self._drop_oldest(len(self.keyframes))
-        self._keep(np.zeros(len(self.points), dtype=bool))
+        self._keep(np.zeros(len(self.points), bool))
 
     def triangulate(self) -> None:
         """Triangulate tracks that two or more keyframes observe with enough parallax."""

@@ -63,7 +63,7 @@ class ReferenceTracker:
         # Corners of the reference, in both directions of time.
         start = self._corners(images[reference], mask)
         pixels = np.tile(start, (len(images), 1, 1))
-        is_visible = np.zeros(pixels.shape[:2], dtype=bool)
+        is_visible = np.zeros(pixels.shape[:2], bool)
         is_visible[reference] = True
         height = images.shape[1]
         window_px = int(self.window_px * max(1, height / self.tall_px)) | 1  # odd

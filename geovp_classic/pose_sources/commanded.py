@@ -55,7 +55,7 @@ class Commanded:
         else:
             last_from_cam = _read_kitti(self.futures, len(ahead_s))
         futures = past.world_from_cam[-1] @ last_from_cam
-        tracked = np.ones(context.num_past, dtype=bool)
+        tracked = np.ones(context.num_past, bool)
         return Motion(past, futures[None], tracked, is_commanded=True)
 
     def _constant_turn(self, past: Trajectory, ahead_s: FloatArray) -> FloatArray:

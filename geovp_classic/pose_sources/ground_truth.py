@@ -18,5 +18,5 @@ class GroundTruth:
         """Return the recorded motion, one sample; raise Incompatible without poses."""
         past = recorded(context.past, "past")
         future = recorded(context.future, "future")
-        tracked = np.ones(len(past), dtype=bool)
+        tracked = np.ones(len(past), bool)
         return Motion(past, future.world_from_cam[None], tracked)

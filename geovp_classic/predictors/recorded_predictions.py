@@ -79,7 +79,7 @@ class RecordedPredictions:
         num_past = context.num_past
         poses = recorded.world_from_cam
         past = Trajectory(poses[:num_past], times_s[:num_past], self.poses_are_metric)
-        return Motion(past, poses[None, num_past:], np.ones(num_past, dtype=bool))
+        return Motion(past, poses[None, num_past:], np.ones(num_past, bool))
 
 
 def _read_images(folder: Path) -> ByteArray:

@@ -233,7 +233,7 @@ class Context(ShortRepr):
         """Return the context with only some of the observed frames, by a mask [P]."""
         if mask.all():
             return self
-        future = np.ones(self.num_future, dtype=bool)
+        future = np.ones(self.num_future, bool)
         arrays = {"times_s": self.times_s[np.append(mask, future)]}
         fields = ("frames", "past", "past_depths", "full", "right", "steps")
         for field in (*fields, "observations", "full_observations"):
