@@ -13,10 +13,7 @@ from geovp_classic.data.frames.image_names import image_files
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.pinhole import grey8
-from geovp_classic.odometry.focal_length import (
-    NORMAL_QUANTILE,
-    FocalLengthEstimator,
-)
+from geovp_classic.odometry.focal_length import FocalLengthEstimator
 from geovp_classic.types import ByteArray
 
 ESTIMATOR = FocalLengthEstimator()
@@ -28,10 +25,8 @@ def turns() -> list[list[ByteArray]]:
     """Return two drives round a corner with a focal length of 183 px, 318 px wide."""
     world = Synthetic(num_clips=8, num_frames=20, size_px=(96, 96), with_full=True)
     wide = [world[index].full for index in (LEFT_TURN, RIGHT_TURN)]
-    assert all(
-        each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide
-    )
-    return [[grey8(frame) for frame in each.frames] for each in wide if each is not None]
+    assert all(each.intrinsics.fx_px == pytest.approx(183.375) for each in wide)
+    return [[grey8(frame) for frame in each.frames] for each in wide]
 
 
 def straight(step_m: float) -> list[ByteArray]:
@@ -48,7 +43,6 @@ def test_a_turn_determines_the_focal_length_also_above_a_hood(turns: list[list[B
     assert found.focal_px == pytest.approx(183.375, rel=0.05)
     assert found.low_px < 183.375 < found.high_px
     assert found.is_sure
-    assert np.log(found.high_px / found.low_px) > 2 * NORMAL_QUANTILE * ESTIMATOR.systematic_error
 
     # A patterned hood is ignored.
     height_px, width_px = turns[0][0].shape

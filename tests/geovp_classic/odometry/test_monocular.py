@@ -30,7 +30,9 @@ from geovp_classic.types.speed_prior import SpeedPrior
 from tests.geovp_classic.odometry.corridor import CAMERA, STRAIGHT, drive
 
 
-def context(frames: ByteArray, camera: Intrinsics, height_m: float | None = 1.65) -> Context:
+def context(
+    frames: ByteArray, camera: Intrinsics = CAMERA, height_m: float | None = 1.65
+) -> Context:
     return Context(frames, 0.1 * np.arange(len(frames) + 1), camera, camera_height_m=height_m)
 
 
@@ -45,7 +47,7 @@ def step_errors(found: Trajectory, truth: FloatArray) -> tuple[FloatArray, Float
 
 
 def test_a_clip_comes_back_in_metres() -> None:
-    trajectory, tracked = Monocular().track(context(STRAIGHT[0], CAMERA))
+    trajectory, tracked = Monocular().track(context(STRAIGHT[0]))
     rotation_deg, translation = step_errors(trajectory, STRAIGHT[1])
     assert trajectory.is_metric
     assert 0 < trajectory.scale_uncertainty < 0.1
@@ -57,7 +59,7 @@ def test_a_clip_comes_back_in_metres() -> None:
 def test_a_start_behind_a_car_that_starts_is_no_turn() -> None:
     """In one second the camera moves .4 m, and a turn may cancel a motion past far points."""
     clip = Synthetic(num_clips=6, num_frames=11)[5]  # accelerates
-    trajectory, _ = Monocular(scale=UnitSpeed()).track(clip.split(10, PrivilegedInput.NONE)[0])
+    trajectory, _ = Monocular(UnitSpeed()).track(clip.split(10, PrivilegedInput.NONE)[0])
     found, true = (
         se3.inverse(poses[0]) @ poses[9]
         for poses in (trajectory.world_from_cam, clip.trajectory.world_from_cam)
@@ -67,26 +69,23 @@ def test_a_start_behind_a_car_that_starts_is_no_turn() -> None:
 
 
 def test_without_metres_the_mean_step_is_one() -> None:
-    trajectory, _ = Monocular(scale=UnitSpeed()).track(context(STRAIGHT[0], CAMERA, height_m=None))
+    trajectory, _ = Monocular(UnitSpeed()).track(context(STRAIGHT[0], height_m=None))
     assert not trajectory.is_metric
-    lengths = se3.step_lengths(trajectory.world_from_cam)
-    assert lengths.mean() == pytest.approx(1)
-    np.testing.assert_allclose(lengths, 1, atol=0.05)
+    np.testing.assert_allclose(se3.step_lengths(trajectory.world_from_cam), 1, atol=0.05)
 
 
 def test_a_hidden_road_leaves_metres_with_a_stated_spread() -> None:
     frames = STRAIGHT[0].copy()
-    frames[:, CAMERA.height_px // 2 + 8 :] = (
-        90  # a bonnet, or a car right ahead, from frame to frame the same
-    )
-    trajectory, _ = Monocular().track(context(frames, CAMERA))
+    # a bonnet, or a car right ahead, from frame to frame the same
+    frames[:, CAMERA.height_px // 2 + 8 :] = 90
+    trajectory, _ = Monocular().track(context(frames))
     assert trajectory.is_metric
     assert trajectory.scale_uncertainty == SpeedPrior().spread
     lengths = se3.step_lengths(trajectory.world_from_cam)
     assert lengths.sum() / 0.9 == pytest.approx(
         SpeedPrior().median_m_s
     )  # the corridor's 5 m/s are within two spreads
-    alone, _ = Monocular(scale=GroundPlane(prior=None)).track(context(frames, CAMERA))
+    alone, _ = Monocular(GroundPlane(prior=None)).track(context(frames))
     assert (alone.is_metric, alone.scale_uncertainty) == (False, None)
 
 
@@ -94,7 +93,7 @@ def test_a_hidden_road_leaves_metres_with_a_stated_spread() -> None:
 def test_slow_and_fast_cameras_come_back_in_metres(step_m: float) -> None:
     """A car in a yard, one at 30 images a second, and one on a motorway, at ten."""
     frames, poses = drive(np.tile([0, 0, step_m, 0, np.radians(0.3), 0], (9, 1)))
-    trajectory, _ = Monocular().track(context(frames, CAMERA))
+    trajectory, _ = Monocular().track(context(frames))
     assert trajectory.scale_uncertainty < 0.1
     lengths = se3.step_lengths(trajectory.world_from_cam)
     assert lengths.sum() == pytest.approx(se3.step_lengths(poses).sum(), rel=0.06)
@@ -106,13 +105,13 @@ def test_a_pitched_camera_comes_back_in_metres(pitch_deg: float) -> None:
     pitch_rad = np.radians(pitch_deg)
     ahead = [0, 0.5 * np.sin(pitch_rad), 0.5 * np.cos(pitch_rad), 0, 0, 0]
     frames, _ = drive(np.array([[0, 0, 0, pitch_rad, 0, 0], *[ahead] * 9]))
-    trajectory, _ = Monocular().track(context(frames[1:], CAMERA))
+    trajectory, _ = Monocular().track(context(frames[1:]))
     assert trajectory.scale_uncertainty < 0.1
     assert se3.step_lengths(trajectory.world_from_cam).sum() == pytest.approx(4.5, rel=0.06)
 
 
 def test_standing_still_is_standing_still() -> None:
-    trajectory, tracked = Monocular().track(context(np.repeat(STRAIGHT[0][:1], 6, axis=0), CAMERA))
+    trajectory, tracked = Monocular().track(context(np.repeat(STRAIGHT[0][:1], 6, axis=0)))
     np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (6, 1, 1)))
     assert tracked.all()
     assert trajectory.is_metric  # nothing moved, in any unit
@@ -121,7 +120,7 @@ def test_standing_still_is_standing_still() -> None:
 
 def test_turning_on_the_spot_moves_nowhere() -> None:
     frames, poses = drive(np.tile([0, 0, 0, 0, np.radians(1.0), 0], (7, 1)))
-    trajectory, tracked = Monocular().track(context(frames, CAMERA))
+    trajectory, tracked = Monocular().track(context(frames))
     assert tracked.all()
     assert (
         np.degrees(se3.rotation_angle_rad(se3.inverse(poses) @ trajectory.world_from_cam)).max()
@@ -133,14 +132,14 @@ def test_turning_on_the_spot_moves_nowhere() -> None:
 def test_a_slow_start_is_told_afterwards() -> None:
     speeds = np.array([0.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
     frames, _ = drive(np.stack([[0, 0, speed, 0, 0, 0] for speed in speeds]))
-    trajectory, tracked = Monocular().track(context(frames, CAMERA))
+    trajectory, tracked = Monocular().track(context(frames))
     assert tracked.all()
     np.testing.assert_allclose(steps(trajectory.world_from_cam)[:, 2, 3], speeds, atol=0.03)
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_the_shortest_clips(count: int) -> None:
-    trajectory, tracked = Monocular().track(context(STRAIGHT[0][:count], CAMERA))
+    trajectory, tracked = Monocular().track(context(STRAIGHT[0][:count]))
     assert (len(trajectory), tracked.all()) == (count, True)
 
 
@@ -154,13 +153,7 @@ def test_uncropped_frames_are_used_if_asked_for() -> None:
     )  # the crop itself is black
     with pytest.raises(Incompatible, match="uncropped"):
         odometry.track(small)
-    wide = Context(
-        small.frames,
-        small.times_s,
-        small.intrinsics,
-        camera_height_m=1.65,
-        full=ExtraView(frames, CAMERA, np.eye(4)),
-    )
+    wide = replace(small, full=ExtraView(frames, CAMERA, np.eye(4)))
     trajectory, _ = odometry.track(wide)
     assert np.median(step_errors(trajectory, poses)[1]) < 0.02
 
@@ -186,7 +179,7 @@ def test_a_drive_whose_scale_remembers_few_pairs() -> None:
     frames = STRAIGHT[0]
     odometry = Monocular(GroundPlane(max_pairs=3))
     times_s = 0.1 * np.arange(len(frames))
-    trajectory, _ = odometry.track_sequence(iter(frames), times_s, CAMERA, 1.65)
+    trajectory, _ = odometry.track_sequence(frames, times_s, CAMERA, 1.65)
     assert trajectory.is_metric
     np.testing.assert_allclose(se3.step_lengths(trajectory.world_from_cam), 0.5, rtol=0.06)
 
@@ -216,7 +209,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, path: TrackedPoses) -> tuple[Traje
     monkeypatch.setattr(monocular, "Tracker", lambda *_: ScriptedTracker(path))
     brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
     frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
-    odometry = Monocular(scale=UnitSpeed())
+    odometry = Monocular(UnitSpeed())
     return odometry.track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
 
 

@@ -159,8 +159,7 @@ def test_in_half_the_size_the_mask_is_half_as_large() -> None:
     scene, context = scene_of(Wall())
     mask = np.zeros(context.frames.shape[1:3], bool)
     mask[-40:] = True
-    small = CAMERA.resized(CAMERA.width_px // 2, CAMERA.height_px // 2)
-    copied = replace(scene, mask=mask).copied(context.future.world_from_cam, small)
+    copied = replace(scene, mask=mask).copied(context.future.world_from_cam, CAMERA.resized(32, 24))
     assert copied[:, -20:].all()
     assert not copied[:, :-20].any()
 
