@@ -43,8 +43,9 @@ def single_threaded_blas(
 ) -> Callable[Parameters, Result]:
     """Limit BLAS to one thread in the whole process while the function runs.
 
-    Of nested or overlapping calls, the first sets the limit and lifts it when it ends: a call that
-    began under the limit of another one would restore that limit as if it were the original.
+    Of nested or overlapping calls, the first sets the limit and lifts it when it ends. One in
+    another thread that lasts longer continues with more threads. It could not lift the limit
+    itself: threadpoolctl ignores all threads but the one that set it, while that one lives.
     """
 
     @functools.wraps(work)
