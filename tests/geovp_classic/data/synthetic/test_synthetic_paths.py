@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_classic.data.synthetic.roads import Journey, Roads, from_bends, world_from_vehicle
+from geovp_classic.data.synthetic.roads import Journey, from_bends
 from geovp_classic.data.synthetic.street import MANOEUVRES, plan
 
 TIMES_S = np.arange(60) * 0.1
@@ -27,23 +27,6 @@ def test_places_beside_a_path_are_recovered(along_m: float, right_m: float) -> N
     located_m = path.locate(place)[0][0]
     assert located_m.real == pytest.approx(right_m, abs=0.01)
     assert located_m.imag == pytest.approx(along_m, abs=0.03)  # 8 m * curvature * half a step
-
-
-def test_vehicles_face_along_their_yaw() -> None:
-    vehicle = world_from_vehicle(np.array([3 + 4j]), np.array([np.pi / 2]))[0]
-    expected = [[0, 0, 1, 3], [0, 1, 0, 0], [-1, 0, 0, 4], [0, 0, 0, 1]]  # ahead is +x
-    np.testing.assert_allclose(vehicle, expected, atol=1e-12)
-
-
-def test_distances_from_the_kerb_are_signed_and_corners_are_rounded() -> None:
-    main = from_bends([(160.0, 0.0)], start=(0.0, -80.0))
-    cross = from_bends([(160.0, 0.0)], start=(-80.0, 0.0), start_yaw_deg=90.0)
-    roads = Roads([main, cross])  # 9.2 m wide, corners of radius 6 m
-    on_arc_m = 4.6 + 6.0 * (1 - 0.5**0.5)
-    places = np.array([50j, 4.6 + 30j, -7.6 + 50j, on_arc_m * (1 + 1j), 4.6 + 4.6j])
-    expected_m = [-4.6, 0.0, 3.0, 0.0, -6.0 * (2**0.5 - 1)]
-    _, _, from_kerb_m = roads.locate(places)
-    np.testing.assert_allclose(from_kerb_m, expected_m, atol=1e-6)
 
 
 def test_distances_are_integrals_of_the_speed() -> None:
