@@ -22,7 +22,7 @@ def write(results: Results, page: Path, spread: str = "interval") -> None:
     notes = "## Notes" + before.partition("## Notes")[2]
     versions = ", ".join(map(" ".join, results.protocol()["versions"].items()))
     date = datetime.date.today().isoformat()
-    command = ["git", "describe", "--always", "--dirty"]
+    command = ["git", "rev-parse", "--short=8", "HEAD"]
     commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     lines = [
         f"{opening}Written on {date} at commit {commit} by `docs/results_page.py`; computed with "
