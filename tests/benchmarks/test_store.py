@@ -10,12 +10,7 @@ import pytest
 
 from geovp_benchmarks.failure import Failure
 from geovp_benchmarks.results.score_files import Facts
-from geovp_benchmarks.results.store import (
-    Results,
-    ScoreRecord,
-    Scores,
-    write_bytes,
-)
+from geovp_benchmarks.results.store import Results, ScoreRecord, Scores, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_protocol, write_row

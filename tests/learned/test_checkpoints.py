@@ -83,10 +83,7 @@ def test_files_that_are_not_the_methods_weights_are_refused(
 
 @pytest.mark.parametrize(
     ("settings", "says"),
-    [
-        ({"rate": "fast"}, "settings.rate is 'fast', expected a number"),
-        ([1], "do not suit toy"),
-    ],
+    [({"rate": "fast"}, "settings.rate is 'fast', expected a number"), ([1], "do not suit toy")],
 )
 def test_settings_are_checked(tmp_path: Path, settings: object, says: str) -> None:
     metadata = {"format": checkpoints.FORMAT, "method": "toy", "settings": settings}

@@ -4,18 +4,21 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.geometry import se3
-from geovp_learned.deepvo.network import (
-    Architecture,
-    coordinates,
-    motions,
-    squared_errors,
-)
+from geovp_classic.geometry import planar, se3
+from geovp_learned.deepvo.network import Architecture, coordinates, motions, squared_errors
 from geovp_learned.deepvo.train import DeepVoTraining
 
 
 def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
     return motions(torch.tensor(steps, dtype=torch.float64), "2d")
+
+
+def test_yaw_and_plane_are_those_of_the_classical_room() -> None:
+    states = np.array([[0.3, 2.0, 0.4], [-1.0, 5.0, -2.9]])
+    ours, level = motions(torch.from_numpy(states), "2d"), np.eye(4)
+    np.testing.assert_allclose(ours, planar.lift(states, level, level), atol=1e-12)
+    again = planar.reduce(ours.numpy(), level, level)
+    np.testing.assert_allclose(coordinates(ours, "2d"), again, atol=1e-12)
 
 
 def test_three_dimensional_steps_are_rigid_and_come_back() -> None:

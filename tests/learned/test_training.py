@@ -101,12 +101,7 @@ class Fading:
 
 
 SETTINGS = Training(
-    num_steps=60,
-    batch_size=4,
-    seed=3,
-    warmup_steps=5,
-    clip_norm=1.0,
-    validate_every=20,
+    num_steps=60, batch_size=4, seed=3, warmup_steps=5, clip_norm=1.0, validate_every=20
 )
 
 

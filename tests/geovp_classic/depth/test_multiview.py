@@ -9,13 +9,7 @@ import pytest
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.viewpoints import PlaneSpacing
 from geovp_classic.errors import BadData
-from geovp_classic.types import (
-    BoolArray,
-    Context,
-    FloatArray,
-    Intrinsics,
-    Trajectory,
-)
+from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 from tests.geovp_classic.boxed_street import observe, straight
 
 

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.forecasting.interacting import Interacting
-from geovp_classic.forecasting.kalman import (
-    AccelerationKalman,
-    TurnRateKalman,
-    fitted,
-)
+from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, fitted
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory

@@ -16,14 +16,7 @@ from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.pose_sources.stand_still import StandStill
-from geovp_classic.types import (
-    Clip,
-    Context,
-    FloatArray,
-    Intrinsics,
-    PrivilegedInput,
-    Trajectory,
-)
+from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 SOURCES = [GroundTruth(), Planar(GroundTruth()), StandStill(), ConstantVelocity(), ConstantTurn()]
 WORLD = se3.exp(np.array([4.0, -1.0, 2.0, 0.3, 0.2, -0.1]))  # the first pose is not the identity

@@ -50,8 +50,7 @@ def psnr_db(frame: ByteArray, other: ByteArray) -> float:
 
 def batch_psnr_db(clip: Clip) -> FloatArray:
     predictor = registry.build(
-        "predictors",
-        {"name": "geometric", "pose_source": "chained", "renderer": "depth-fusion"},
+        "predictors", {"name": "geometric", "pose_source": "chained", "renderer": "depth-fusion"}
     )
     context, target = clip.split(NUM_PAST, predictor.needs)
     frames = predictor.predict(context).frames[0]
@@ -249,28 +248,22 @@ def test_without_its_height_a_camera_has_no_path_and_no_commands(clip: Clip) -> 
 
 
 def test_bad_input_is_explained(live: LivePredictor, clip: Clip) -> None:
-    with pytest.raises(BadData, match="resize it"):
-        live.push(clip.frames[0, ::2], 30.0)
-    with pytest.raises(BadData, match="expected seconds"):
-        live.push(clip.frames[0], float("nan"))
-    with pytest.raises(BadData, match="time of the frame is None, expected seconds"):
-        live.push(clip.frames[0], None)
-    with pytest.raises(BadData, match="expected LiveSettings"):
-        LivePredictor(clip.intrinsics, settings={"num_frames": 5})
-    with pytest.raises(BadData, match=r"camera_height_m is '1.4', expected a number"):
-        LivePredictor(clip.intrinsics, "1.4")
-    with pytest.raises(BadData, match="camera_height_m is -1"):
-        LivePredictor(clip.intrinsics, -1)
-    with pytest.raises(BadData, match="num_frames is 5, expected more than 5"):
-        LiveSettings(num_frames=5)
-    with pytest.raises(BadData, match="sort them"):
-        live.view(clip.times_s[10], [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)])
-    with pytest.raises(BadData, match="must be finite"):
-        Command(0.0, float("nan"), 0.0)
-    with pytest.raises(BadData, match="time of the view is nan"):
-        live.view(float("nan"))
-    with pytest.raises(BadData, match="last_from_present: pose"):
-        live.view(clip.times_s[10], last_from_present=2 * np.eye(4))
+    camera, frame, time_s, nan = clip.intrinsics, clip.frames[0], clip.times_s[10], np.nan
+    for message, wrong in {
+        "resize it": lambda: live.push(frame[::2], 30.0),
+        "expected seconds": lambda: live.push(frame, nan),
+        "time of the frame is None, expected seconds": lambda: live.push(frame, None),
+        "expected LiveSettings": lambda: LivePredictor(camera, settings={"num_frames": 5}),
+        "camera_height_m is '1.4', expected a number": lambda: LivePredictor(camera, "1.4"),
+        "camera_height_m is -1": lambda: LivePredictor(camera, -1),
+        "num_frames is 5, expected more than 5": lambda: LiveSettings(num_frames=5),
+        "sort them": lambda: live.view(time_s, [Command(2.0, 1.0, 0.0), Command(1.0, 1.0, 0.0)]),
+        "must be finite": lambda: Command(0.0, nan, 0.0),
+        "time of the view is nan": lambda: live.view(nan),
+        "last_from_present: pose": lambda: live.view(time_s, (), 2 * np.eye(4)),
+    }.items():
+        with pytest.raises(BadData, match=message):
+            wrong()
 
 
 def test_drawing_into_a_late_image_does_not_change_the_predictor(clip: Clip) -> None:

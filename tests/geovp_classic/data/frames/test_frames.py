@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image, ImageOps
 
-from geovp_classic.data.frames.image_frames import (
-    FrameFiles,
-    image_size,
-    read_depth,
-    read_image,
-)
+from geovp_classic.data.frames.image_frames import FrameFiles, image_size, read_depth, read_image
 from geovp_classic.errors import BadData
 
 ENCODINGS = {
